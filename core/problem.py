@@ -1,0 +1,383 @@
+"""P_k: a transfer with k outages, as data that is validated and hashed.
+
+What flows in: TOML, JSON or keyword arguments.  What flows out: a frozen `Problem` in public units
+(km, km/s, kg, days, TDB epochs); everything else in core is a function of it.
+"""
+
+import hashlib
+import json
+import re
+import tomllib
+from collections.abc import Iterable, Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StrictInt, ValidationError, model_validator
+
+from core.constants import KERNEL_MD5, KERNEL_SPAN, SECONDS_PER_DAY
+from core.units import MU_KG
+
+SCHEMA_VERSION = 1
+
+
+class ProblemError(ValueError):
+    """A problem that cannot be: the message names each field, what was expected and what came."""
+
+
+def _checked_epoch(text: str) -> str:
+    if not re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{1,6})?", text):
+        raise ValueError("expected a TDB epoch YYYY-MM-DDTHH:MM:SS without zone")
+    et = seconds_past_j2000(text)
+    if not KERNEL_SPAN[0] < et < KERNEL_SPAN[1]:
+        raise ValueError("expected an epoch inside the kernel DE440, 1549-12-31 to 2650-01-25")
+    return text
+
+
+def seconds_past_j2000(epoch: str) -> float:
+    """Return a TDB calendar epoch as TDB seconds past J2000 (SPICE's ET)."""
+    try:
+        delta = np.datetime64(epoch, "us") - np.datetime64("2000-01-01T12:00:00", "us")
+    except ValueError as error:
+        raise ValueError(f"expected a calendar epoch, got {epoch}") from error
+    return float(delta / np.timedelta64(1, "us")) * 1e-6
+
+
+def calendar_epoch(et: float) -> str:
+    """Return TDB seconds past J2000 [s] as a calendar epoch to the millisecond."""
+    moment = np.datetime64("2000-01-01T12:00:00", "ms") + np.timedelta64(round(et * 1e3), "ms")
+    return str(moment)
+
+
+Epoch = Annotated[str, AfterValidator(_checked_epoch)]
+Vector = tuple[float, float, float]
+Positive = Annotated[float, Field(gt=0)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Spacecraft(_Strict):
+    """Mass and propulsion."""
+
+    #: Mass at the start of the spiral [kg].
+    wet_mass_kg: Positive
+    #: Mass without propellant [kg].
+    dry_mass_kg: Positive
+    #: Thrust at throttle 1 [N].
+    max_thrust_n: Positive
+    #: Specific impulse [s], with g0 = 9.806 m/s^2.
+    isp_s: Positive
+
+    @model_validator(mode="after")
+    def _masses_ordered(self) -> Self:
+        if self.dry_mass_kg >= self.wet_mass_kg:
+            raise ValueError(f"expected dry_mass_kg < wet_mass_kg, got {self.dry_mass_kg} >= {self.wet_mass_kg}")
+        return self
+
+
+class StateDeparture(_Strict):
+    """A transfer that starts from a known geocentric J2000 state."""
+
+    kind: Literal["state"] = "state"
+    #: TDB epoch t0 of the state.
+    epoch: Epoch
+    #: Geocentric J2000 position [km].
+    position_km: Vector
+    #: Geocentric J2000 velocity [km/s].
+    velocity_km_s: Vector
+    #: Mass m(t0) [kg].
+    mass_kg: Positive
+
+
+class SpiralDeparture(_Strict):
+    """A transfer that starts at the end of a spiral: full thrust along the velocity from a parking orbit."""
+
+    kind: Literal["spiral"]
+    #: TDB epoch at perigee of the parking orbit.
+    epoch: Epoch
+    #: Radii of the parking orbit [km].
+    perigee_radius_km: Positive
+    apogee_radius_km: Positive
+    #: Orientation of the parking orbit to the J2000 equator [deg].
+    inclination_deg: Annotated[float, Field(ge=0, le=180)]
+    raan_deg: float
+    argument_of_perigee_deg: float
+    #: Thrust for this long [days] ...
+    duration_days: Annotated[float, Field(gt=0, le=1000)] | None = None
+    #: ... or until this Jacobi value of the instantaneous Earth-Moon system is reached from above.
+    jacobi: float | None = None
+
+    @model_validator(mode="after")
+    def _one_end(self) -> Self:
+        if (self.duration_days is None) == (self.jacobi is None):
+            raise ValueError("expected exactly one of duration_days and jacobi")
+        if self.apogee_radius_km < self.perigee_radius_km:
+            raise ValueError(
+                f"expected apogee_radius_km >= perigee_radius_km, got "
+                f"{self.apogee_radius_km} < {self.perigee_radius_km}"
+            )
+        return self
+
+
+class NrhoTarget(_Strict):
+    """The near-rectilinear halo orbit that coastarc generates: ballistic in its own N-body model."""
+
+    kind: Literal["nrho"] = "nrho"
+    #: Period of the CR3BP orbit that starts the correction [days].
+    period_days: Annotated[float, Field(gt=6.0, lt=8.5)] = 6.5623
+    #: TDB epoch near which a perilune falls.
+    perilune_epoch: Epoch = "2026-04-30T00:00:00"
+
+
+class SpkTarget(_Strict):
+    """Any body or spacecraft of an SPK kernel, geocentric J2000."""
+
+    kind: Literal["spk"]
+    path: Path
+    naif_id: StrictInt
+
+    @model_validator(mode="after")
+    def _readable(self) -> Self:
+        if not self.path.is_file():
+            raise ValueError(f"expected an SPK file, got {self.path}, which is not a file")
+        return self
+
+
+Interval = tuple[float, float]
+
+
+class Bounds(_Strict):
+    """The box of the decision vector, which is also the box that guesses are drawn from."""
+
+    #: Time T_s under the control of segments [days]; a realization at n gets the share (N-n)/N.
+    shooting_days: Interval = (1e-3, 90.0)
+    #: Coasts T_i and T_f [days].
+    initial_coast_days: Interval = (0.0, 30.0)
+    final_coast_days: Interval = (0.0, 30.0)
+    throttle: Interval = (0.0, 1.0)
+    #: Least final mass [kg].
+    min_final_mass_kg: Positive = 1.0
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        for name in ("shooting_days", "initial_coast_days", "final_coast_days", "throttle"):
+            low, high = getattr(self, name)
+            if not low < high:
+                raise ValueError(f"{name}: expected lower < upper, got {low} >= {high}")
+            if low < 0:
+                raise ValueError(f"{name}: expected a lower bound >= 0, got {low}")
+        if self.shooting_days[0] <= 0:
+            raise ValueError(f"shooting_days: expected a lower bound > 0, got {self.shooting_days[0]}")
+        if self.throttle[1] > 1:
+            raise ValueError(f"throttle: expected an upper bound <= 1, got {self.throttle[1]}")
+        return self
+
+
+class Outage(_Strict):
+    """A time without thrust that begins with a segment of the reference."""
+
+    #: Segment of the reference at whose start the thruster stops, from 1.
+    segment: Annotated[StrictInt, Field(ge=1)]
+    #: How long it stays off [days].
+    duration_days: Annotated[float, Field(gt=0, le=20)]
+
+
+class Problem(_Strict):
+    """P_k: one reference trajectory and k realizations, one per outage."""
+
+    spacecraft: Spacecraft
+    departure: Annotated[StateDeparture | SpiralDeparture, Field(discriminator="kind")]
+    target: Annotated[NrhoTarget | SpkTarget, Field(discriminator="kind")] = NrhoTarget()
+    bounds: Bounds = Bounds()
+    #: Number N of segments of the reference.
+    n_segments: Annotated[StrictInt, Field(ge=2, le=2000)] = 50
+    #: Control of a segment: throttle, in-plane and out-of-plane angle (J2000 azimuth and elevation).
+    control: Literal["spherical"] = "spherical"
+    #: Segments of a realization at n: N - n of them ("adaptive") or N ("uniform").
+    segmentation: Literal["adaptive", "uniform"] = "adaptive"
+    #: The k outages, kept in the order (segment, duration) in which x lists the realizations.
+    outages: tuple[Outage, ...] = ()
+
+    @model_validator(mode="after")
+    def _outages_possible(self) -> Self:
+        last = self.n_segments - 1
+        for outage in self.outages:
+            if outage.segment > last:
+                raise ValueError(
+                    f"outages: expected a segment in 1..{last} (one must remain after the missed one), "
+                    f"got {outage.segment}"
+                )
+        ordered = sorted(self.outages, key=lambda outage: (outage.segment, outage.duration_days))
+        for first, second in zip(ordered, ordered[1:], strict=False):
+            if first == second:
+                raise ValueError(
+                    f"outages: expected different outages, got segment {first.segment} with "
+                    f"{first.duration_days} days twice"
+                )
+        object.__setattr__(self, "outages", tuple(ordered))
+        return self
+
+    @model_validator(mode="after")
+    def _masses_possible(self) -> Self:
+        start = self.departure.mass_kg if isinstance(self.departure, StateDeparture) else MU_KG
+        if isinstance(self.departure, StateDeparture) and start > self.spacecraft.wet_mass_kg:
+            raise ValueError(
+                f"departure.mass_kg: expected at most wet_mass_kg = {self.spacecraft.wet_mass_kg}, got {start}"
+            )
+        if self.bounds.min_final_mass_kg >= self.spacecraft.wet_mass_kg:
+            raise ValueError(
+                f"bounds.min_final_mass_kg: expected less than wet_mass_kg = {self.spacecraft.wet_mass_kg}, "
+                f"got {self.bounds.min_final_mass_kg}"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _inside_kernels(self) -> Self:
+        latest = seconds_past_j2000(self.departure.epoch) + self.latest_arrival_days * SECONDS_PER_DAY
+        if latest > KERNEL_SPAN[1]:
+            raise ValueError(
+                f"departure.epoch: expected the latest arrival inside the kernel DE440, "
+                f"until 2650-01-25, got {calendar_epoch(latest)}"
+            )
+        return self
+
+    @property
+    def k(self) -> int:
+        """Number of outages."""
+        return len(self.outages)
+
+    @property
+    def latest_arrival_days(self) -> float:
+        """Latest arrival that the bounds admit, counted from the departure epoch [days]."""
+        bounds = self.bounds
+        coasts = bounds.initial_coast_days[1] + bounds.final_coast_days[1]
+        outage = max((o.duration_days for o in self.outages), default=0.0)
+        realization = outage + bounds.initial_coast_days[1] if self.outages else 0.0
+        spiral = getattr(self.departure, "duration_days", None) or 0.0
+        return spiral + coasts + bounds.shooting_days[1] + realization
+
+    def with_outages(self, outages: Iterable[tuple[int, float]]) -> "Problem":
+        """Return this problem with other outages, each given as (segment, duration_days)."""
+        listed = [{"segment": segment, "duration_days": duration} for segment, duration in outages]
+        return problem_from(self.model_dump(mode="json") | {"outages": listed})
+
+    @property
+    def hash(self) -> str:
+        """Identity of the problem: its definition, its kernels and its constants (32 hex digits)."""
+        return content_hash(
+            {"schema": SCHEMA_VERSION, "kernel": KERNEL_MD5, "target_file": self._target_digest()}
+            | self.model_dump(mode="json", exclude={"target": {"path"}})
+        )
+
+    @property
+    def family(self) -> str:
+        """Identity of the reference problem: equal for all P_k that differ in outages alone."""
+        return self.model_copy(update={"outages": ()}).hash
+
+    def _target_digest(self) -> str:
+        if isinstance(self.target, SpkTarget):
+            return hashlib.blake2b(self.target.path.read_bytes(), digest_size=16).hexdigest()
+        return ""
+
+
+def content_hash(content: Any) -> str:
+    """Return the blake2b-128 hash of nested plain data: keys sorted, floats in hexadecimal."""
+    text = json.dumps(_canonical(content), sort_keys=True, separators=(",", ":"))
+    return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+
+
+def _canonical(content: Any) -> Any:
+    if isinstance(content, Mapping):
+        return {str(key): _canonical(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [_canonical(value) for value in content]
+    # Decimal text of a float depends on the formatter, its bits do not.
+    return content.hex() if isinstance(content, float) else content
+
+
+def presets() -> list[str]:
+    """Return the names of the problems that coastarc ships."""
+    return sorted(entry.name.removesuffix(".toml") for entry in _preset_folder().iterdir())
+
+
+def load_problem(path_or_preset: str | Path) -> Problem:
+    """Return the problem of a preset, or of a TOML or JSON file with the same fields.
+
+    Parameters
+    ----------
+    path_or_preset : str or Path
+        A name from `presets()`, or a file ending in .toml or .json; in a campaign file the
+        table `problem` is read.
+
+    Raises
+    ------
+    ProblemError
+        When a field is unknown, missing or impossible, or the file cannot be read.
+    """
+    if str(path_or_preset) in presets():
+        return problem_from({"preset": str(path_or_preset)})
+    path = Path(path_or_preset)
+    try:
+        text = path.read_text(encoding="utf-8")
+        table = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
+    except (OSError, UnicodeDecodeError, ValueError) as error:
+        names = ", ".join(presets())
+        raise ProblemError(f"problem: expected a preset ({names}) or a readable file, got {path}: {error}") from error
+    return problem_from(table.get("problem", table) if isinstance(table, dict) else table)
+
+
+def problem_from(fields: Any) -> Problem:
+    """Return the problem that plain data describes; `preset` gives the fields left out.
+
+    Raises
+    ------
+    ProblemError
+        One line per field that is unknown, missing or impossible.
+    """
+    if not isinstance(fields, Mapping):
+        raise ProblemError(f"problem: expected a table of fields, got {type(fields).__name__}")
+    given = dict(fields)
+    try:
+        return Problem.model_validate(_merged(_preset(given.pop("preset", None)), given))
+    except ValidationError as error:
+        raise ProblemError(validation_message("problem", error)) from error
+
+
+def validation_message(thing: str, error: ValidationError) -> str:
+    """Return one line per fault of a pydantic error: `<thing>.<field>: <expected>, got <value>`."""
+    lines = []
+    for fault in error.errors(include_url=False, include_context=False):
+        place = ".".join([thing, *(str(part) for part in fault["loc"])])
+        message = fault["msg"].removeprefix("Value error, ")
+        got = fault["input"]
+        shown = "" if isinstance(got, Mapping | BaseModel) or "got " in message else f", got {got!r}"
+        lines.append(f"{place}: {message}{shown}")
+    return "\n".join(lines)
+
+
+def _preset_folder() -> Any:
+    return files("core") / "presets"
+
+
+def _preset(name: str | None) -> dict[str, Any]:
+    if name is None:
+        return {}
+    if name not in presets():
+        raise ProblemError(f"problem.preset: expected one of {', '.join(presets())}, got {name!r}")
+    return tomllib.loads((_preset_folder() / f"{name}.toml").read_text(encoding="utf-8"))
+
+
+def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Lay changes over base; a table of another kind replaces the old one whole."""
+    merged = dict(base)
+    for key, value in changes.items():
+        old = merged.get(key)
+        same_kind = isinstance(value, Mapping) and isinstance(old, Mapping)
+        if same_kind and value.get("kind", old.get("kind")) == old.get("kind"):
+            merged[key] = _merged(old, value)
+        else:
+            merged[key] = value
+    return merged
