@@ -1,0 +1,269 @@
+"""The JSON of the API: every answer of a route is one of these, and the CLI prints the same.
+
+Units stand in the names; epochs are TDB calendar text, `created_at` is UTC.
+"""
+
+from datetime import datetime
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+#: Rows of defects: one per trajectory, (x, y, z) [km], (vx, vy, vz) [km/s], m [kg].
+Defects = list[list[float]]
+SearchState = Literal["waiting", "active", "done", "cancelled"]
+CampaignState = Literal["active", "paused", "done", "cancelled"]
+JobState = Literal["queued", "running", "done", "dead", "cancelled"]
+Ending = Literal["feasible", "infeasible", "numerical", "timeout", "error", "crash", "lost", "cancelled"]
+
+
+class Answer(BaseModel):
+    """A body that the service sends."""
+
+    model_config = ConfigDict(from_attributes=True, ser_json_inf_nan="null")
+
+
+class Fault(Answer):
+    """A refusal as `application/problem+json` (RFC 9457)."""
+
+    type: str = "about:blank"
+    title: str
+    status: int
+    detail: str
+
+
+class OutageView(Answer):
+    """One interval without thrust."""
+
+    segment: int
+    duration_days: float
+
+
+class JobCounts(Answer):
+    """How many jobs are in each state."""
+
+    queued: int = 0
+    running: int = 0
+    done: int = 0
+    dead: int = 0
+    cancelled: int = 0
+
+
+class SearchView(Answer):
+    """A search and how far it is."""
+
+    #: Row id; `name` is the id of the campaign's specification.
+    id: int
+    name: str
+    strategy: str
+    state: SearchState
+    k: int
+    problem_hash: str
+    outages: list[OutageView]
+    mapping: str | None
+    #: Name of the search that the seeds come from.
+    seeds_from: str | None
+    jobs: JobCounts
+    #: Solves planned so far; None while a budget in core seconds or solutions is open.
+    n_guesses_planned: int | None
+    n_solves: int
+    #: Solves that the verifier found feasible at the paper's and at the strict tolerance.
+    n_paper: int
+    n_strict: int
+    #: Different solutions in the archive.
+    n_solutions: int
+    endings: dict[str, int]
+    best_solution_id: str | None
+    best_delta_v_km_s: float | None
+    best_propellant_kg: float | None
+    best_final_mass_kg: float | None
+    cpu_seconds: float
+
+
+class CampaignItem(Answer):
+    """A campaign in a list."""
+
+    id: int
+    name: str
+    state: CampaignState
+    created_at: datetime
+    finished_at: datetime | None
+    rng_seed: int
+    n_jobs: int
+    #: Jobs that ended: done, dead or cancelled.
+    n_done: int
+    n_solves: int
+    n_solutions: int
+    best_delta_v_km_s: float | None
+
+
+class CampaignView(CampaignItem):
+    """A campaign with its searches."""
+
+    #: The reference problem P_0 with every field written out.
+    problem: dict[str, Any]
+    searches: list[SearchView]
+    rate_per_min: float
+    #: None while it cannot be told.
+    eta_seconds: float | None
+    elapsed_seconds: float
+    cpu_seconds: float
+
+
+class CampaignPage(Answer):
+    """Campaigns, the newest first."""
+
+    items: list[CampaignItem]
+
+
+class Record(Answer):
+    """A solution with all that is needed to judge and to reproduce it."""
+
+    id: str = Field(description="Solution hash: problem hash and bytes of x")
+    campaign_id: int
+    search_id: int
+    search: str
+    strategy: str
+    problem_hash: str
+    k: int
+    outages: list[OutageView]
+    #: Final mass of the reference [kg], which is maximised.
+    objective_kg: float
+    propellant_kg: float
+    delta_v_km_s: float
+    delta_v_total_km_s: float
+    shooting_days: float
+    initial_coast_days: float
+    final_coast_days: float
+    time_of_flight_days: float
+    arrival_epoch: str
+    insertion_epoch: str
+    defects_solved: Defects
+    defects_verified: Defects
+    paper: bool
+    strict: bool
+    status: str
+    n_iterations: int
+    n_evaluations: int
+    cpu_seconds: float
+    wall_seconds: float
+    #: rng_seed/kind/search/case/chain/hop: all that the generator of the guess was made from.
+    rng_key: str
+    seed_id: str | None
+    mapping: str | None
+    code_version: str
+    package_versions: dict[str, str]
+    kernel_hashes: dict[str, str]
+    host: str
+    created_at: datetime
+
+
+class RecordWithVector(Record):
+    """A record and its decision vector."""
+
+    x: list[float] = Field(description="Paper layout: days, throttle [-], angles [rad], kg")
+    #: How the re-flight was done: integrator, tolerance, target error.
+    verification: dict[str, Any]
+
+
+class RecordPage(Answer):
+    """Solutions in order of delta-v; `next` is the `after` of the next page."""
+
+    items: list[Record]
+    next: str | None
+
+
+class LineageNode(Answer):
+    """A solution in a lineage."""
+
+    id: str
+    search: str
+    strategy: str
+    k: int
+    delta_v_km_s: float
+    strict: bool
+
+
+class LineageEdge(Answer):
+    """`seed_id` was mapped to the guess that became `solution_id`."""
+
+    seed_id: str
+    solution_id: str
+    mapping: str
+
+
+class Lineage(Answer):
+    """All seeds behind a solution."""
+
+    id: str
+    nodes: list[LineageNode]
+    edges: list[LineageEdge]
+
+
+class ProblemItem(Answer):
+    """A problem in a list."""
+
+    hash: str
+    k: int
+    outages: list[OutageView]
+    n_segments: int
+
+
+class ProblemView(ProblemItem):
+    """A problem with every field written out."""
+
+    definition: dict[str, Any]
+
+
+class ProblemPage(Answer):
+    """Problems."""
+
+    items: list[ProblemItem]
+
+
+class JobView(Answer):
+    """A job: a block of hops of one chain, or one seed mapped and solved."""
+
+    id: int
+    campaign_id: int
+    search_id: int
+    kind: Literal["hop", "map"]
+    state: JobState
+    attempt: int
+    n_failures: int
+    ending: Ending | None
+    #: The first line of what went wrong, for endings `error` and `crash`.
+    error: str | None
+    n_hops: int
+    seed_id: str | None
+    created_at: datetime
+    updated_at: datetime
+
+
+class JobPage(Answer):
+    """Jobs in order of id; `next` is the `after` of the next page."""
+
+    items: list[JobView]
+    next: int | None
+
+
+class EventView(Answer):
+    """Something that happened; `id` grows."""
+
+    id: int
+    campaign_id: int
+    kind: Literal["job", "solution", "search", "campaign"]
+    created_at: datetime
+    data: dict[str, Any]
+
+
+class EventPage(Answer):
+    """Events in order of id."""
+
+    items: list[EventView]
+
+
+class Health(Answer):
+    """Whether the service is alive, or ready, and the reason if not."""
+
+    status: Literal["ok", "unavailable"]
+    checks: dict[str, str]
