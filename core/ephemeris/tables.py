@@ -12,12 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 import spiceypy
-from numba import njit
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from core.constants import BODIES, KERNEL_SPAN, SECONDS_PER_DAY
 from core.ephemeris.kernels import furnish
+from core.jit import compiled
 from core.problem import calendar_epoch
 from core.units import LU_KM, TU_DAYS
 
@@ -145,8 +145,7 @@ def state_at(table: EphemerisTable, days: float) -> Array:
     return out
 
 
-# A product and its sum may round once: the sums below then become fused multiply-adds.
-@njit(cache=True, fastmath={"contract"})
+@compiled
 def positions(table: EphemerisTable, t: float, out: Array) -> None:
     """Write the values (n_columns,) [LU] at t [TU past the origin] to out; NaN outside the span.
 
@@ -173,7 +172,7 @@ def positions(table: EphemerisTable, t: float, out: Array) -> None:
             out[j] += t7 * c[k, j]
 
 
-@njit(cache=True)
+@compiled
 def states(table: EphemerisTable, t: float, out: Array) -> None:
     """Write value, first and second time derivative (3, n_columns) at t [TU] to out; NaN outside the span.
 
@@ -203,7 +202,7 @@ def states(table: EphemerisTable, t: float, out: Array) -> None:
             out[2, j] += rate * rate * dd_value * c[k, j]
 
 
-@njit(cache=True)
+@compiled
 def _record_at(table: EphemerisTable, t: float) -> tuple[int, float]:
     """Return the record that holds t and the place x in [-1, 1] inside it; -1 outside the span."""
     n_records = table.coefficients.shape[0]
