@@ -7,7 +7,6 @@ Units: LU, TU past an origin epoch; epochs of the Python functions are days past
 """
 
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -23,10 +22,12 @@ from core.units import LU_KM, TU_DAYS
 
 Array = NDArray[np.float64]
 
-#: Records of `body_table` [days] and their coefficients.  Degree 7 over a day leaves 0.2 mm for the Moon and
-#: fills one straight-line block of `positions`.
+#: Coefficients of a record that `positions` takes for granted.
+MIN_COEFFICIENTS = 8
+
+#: Records of `body_table` [days] and their coefficients: degree 7 over a day leaves 0.2 mm for the Moon.
 BODY_RECORD_DAYS = 1.0
-BODY_COEFFICIENTS = 8
+BODY_COEFFICIENTS = MIN_COEFFICIENTS
 
 
 class EpochError(ValueError):
@@ -34,7 +35,7 @@ class EpochError(ValueError):
 
 
 class EphemerisTable(NamedTuple):
-    """Polynomials in x in [-1, 1] over records of one length; at least eight coefficients each."""
+    """Polynomials in x in [-1, 1] over records of one length, with `MIN_COEFFICIENTS` each or more."""
 
     #: Beginning of the first record [TU past the origin].
     start: float
@@ -65,7 +66,11 @@ def body_table(origin_et: float, start_days: float, stop_days: float) -> Ephemer
         When the span is empty or leaves DE440.
     """
     furnish()
-    n_records = _checked_record_count(start_days, stop_days, BODY_RECORD_DAYS)
+    if not (math.isfinite(stop_days - start_days) and start_days < stop_days):
+        raise EpochError(
+            f"span: expected start < stop, got {start_days} and {stop_days} days past the origin"
+        )
+    n_records = math.ceil((stop_days - start_days) / BODY_RECORD_DAYS)
     first = origin_et + start_days * SECONDS_PER_DAY
     last = first + n_records * BODY_RECORD_DAYS * SECONDS_PER_DAY
     if not (KERNEL_SPAN[0] <= first and last <= KERNEL_SPAN[1]):
@@ -74,46 +79,45 @@ def body_table(origin_et: float, start_days: float, stop_days: float) -> Ephemer
             f"got {calendar_epoch(first)}..{calendar_epoch(last)}"
         )
 
-    def body_positions(days: float) -> Array:
-        et = origin_et + days * SECONDS_PER_DAY
-        return np.concatenate([spiceypy.spkpos(body, et, "J2000", "NONE", "EARTH")[0] for body in BODIES])
+    nodes = record_nodes(first, BODY_RECORD_DAYS * SECONDS_PER_DAY, n_records, BODY_COEFFICIENTS)
+    samples = [[_body_positions(et) for et in record] for record in nodes]
+    coefficients = coefficients_through(np.array(samples) / LU_KM)
+    return EphemerisTable(start_days / TU_DAYS, BODY_RECORD_DAYS / TU_DAYS, coefficients)
 
-    return fit_table(body_positions, start_days, n_records, BODY_RECORD_DAYS, BODY_COEFFICIENTS)
+
+def _body_positions(et: float) -> Array:
+    return np.concatenate([spiceypy.spkpos(body, et, "J2000", "NONE", "EARTH")[0] for body in BODIES])
 
 
-def fit_table(
-    position_km: Callable[[float], Array],
-    start_days: float,
-    n_records: int,
-    record_days: float,
-    n_coefficients: int,
-) -> EphemerisTable:
-    """Return the table that interpolates positions.
+def record_nodes(start: float, record: float, n_records: int, n_coefficients: int) -> Array:
+    """Return the epochs (n_records, n_coefficients) at which `coefficients_through` wants its samples.
 
     Parameters
     ----------
-    position_km : callable
-        Positions (n_columns,) [km] at an epoch [days past the origin].
-    start_days, record_days : float
-        Beginning of the first record [days past the origin] and length of each [days].
+    start, record : float
+        Beginning of the first record and length of each [any unit of time].
     n_records, n_coefficients : int
         Numbers of records and of coefficients in each.
     """
-    # Nodes at both ends make neighbouring records meet, so an integrator sees no jump.
-    nodes = -np.cos(np.pi * np.arange(n_coefficients) / (n_coefficients - 1))
-    days = start_days + record_days * (np.arange(n_records)[:, None] + 0.5 * (nodes + 1.0))
-    samples = np.array([[position_km(moment) for moment in record] for record in days]) / LU_KM
-    to_coefficients = np.linalg.inv(chebyshev.chebvander(nodes, n_coefficients - 1))
-    coefficients = np.ascontiguousarray(np.einsum("kj,rjc->rkc", to_coefficients, samples))
-    return EphemerisTable(start_days / TU_DAYS, record_days / TU_DAYS, coefficients)
+    return start + record * (np.arange(n_records)[:, None] + 0.5 * (_extrema(n_coefficients) + 1.0))
 
 
-def _checked_record_count(start_days: float, stop_days: float, record_days: float) -> int:
-    if not (math.isfinite(stop_days - start_days) and start_days < stop_days):
-        raise EpochError(
-            f"span: expected start < stop, got {start_days} and {stop_days} days past the origin"
-        )
-    return math.ceil((stop_days - start_days) / record_days)
+def coefficients_through(samples: Array) -> Array:
+    """Return the Chebyshev coefficients of the polynomials through samples, both of one shape and unit.
+
+    Parameters
+    ----------
+    samples : (n_records, n_coefficients, n_columns) array
+        Values at `record_nodes` [any unit].
+    """
+    n_coefficients = samples.shape[1]
+    to_coefficients = np.linalg.inv(chebyshev.chebvander(_extrema(n_coefficients), n_coefficients - 1))
+    return np.ascontiguousarray(np.einsum("kj,rjc->rkc", to_coefficients, samples))
+
+
+def _extrema(n: int) -> Array:
+    # They include both ends, so that neighbouring records meet and an integrator sees no jump.
+    return np.asarray(-np.cos(np.pi * np.arange(n) / (n - 1)))
 
 
 def span_days(table: EphemerisTable) -> tuple[float, float]:

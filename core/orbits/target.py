@@ -1,0 +1,141 @@
+"""The target of a transfer, as an SPK kernel for everybody and as a table for the numerics.
+
+The generated NRHO is kept in a cache folder under a hash of all that it depends on.  Tables are relative to
+the Moon, axes J2000, in canonical units and TU past the departure epoch.
+"""
+
+import functools
+import math
+from pathlib import Path
+
+from platformdirs import user_cache_path
+
+from core.constants import (
+    GM_EARTH,
+    GM_JUPITER,
+    GM_MOON,
+    GM_SUN,
+    KERNEL_MD5,
+    MU_CR3BP,
+    SECONDS_PER_DAY,
+)
+from core.dynamics import force_model
+from core.ephemeris import EphemerisTable, body_table
+from core.ephemeris.spk import ChebyshevOrbit, check_coverage, fit_orbit, read_orbit, write_orbit
+from core.ephemeris.tables import MIN_COEFFICIENTS, coefficients_through, record_nodes
+from core.orbits.nrho import PatchedOrbit, margin_days, nrho
+from core.orbits.spiral import departure_state
+from core.problem import NrhoTarget, Problem, SpkTarget, content_hash, seconds_past_j2000
+from core.units import LU_KM, TU_S
+
+#: Identifier of the generated NRHO: private, and not the -60000 of the public reference.
+NRHO_ID = -60092
+
+#: The NRHO is known from here to there at least [days past departure].
+NRHO_WINDOW_DAYS = (-5.0, 200.0)
+
+# Perilune passes in an hour.  With fewer coefficients the velocity there is wrong by more than 1e-8 km/s.
+_RECORD_S = 3600.0
+_N_COEFFICIENTS = 24
+# Counts the changes of the algorithm that change the orbit.
+_VERSION = 1
+
+
+def target_kernel(problem: Problem, cache_folder: Path | None = None) -> tuple[Path, int]:
+    """Return the SPK of a problem's target and the identifier of the target in it.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem; its departure epoch and bounds say which span is needed.
+    cache_folder : Path, optional
+        Where the generated NRHO is kept; by default the user's cache folder of coastarc.
+
+    Raises
+    ------
+    SpkError
+        When a given kernel lacks the target or a part of the span.
+    HaloError, ShootingError
+        When there is no NRHO of the given period.
+    """
+    start, stop = window_days(problem)
+    departure_et = departure_state(problem.departure, problem.spacecraft).et
+    if isinstance(problem.target, SpkTarget):
+        path, naif_id = problem.target.path, problem.target.naif_id
+        check_coverage(
+            path, naif_id, departure_et + start * SECONDS_PER_DAY, departure_et + stop * SECONDS_PER_DAY
+        )
+        return path, naif_id
+    folder = user_cache_path("coastarc") if cache_folder is None else cache_folder
+    path = folder / f"nrho-{_identity(problem.target, departure_et, start, stop)}.bsp"
+    if not path.is_file():
+        folder.mkdir(parents=True, exist_ok=True)
+        orbit = _records(_ballistic(problem, departure_et), departure_et, start, stop)
+        write_orbit(path, NRHO_ID, orbit, _provenance(problem.target))
+    return path, NRHO_ID
+
+
+def target_table(problem: Problem, cache_folder: Path | None = None) -> EphemerisTable:
+    """Return the target relative to the Moon: three columns [LU], time in TU past the departure epoch.
+
+    Parameters
+    ----------
+    problem, cache_folder
+        As for `target_kernel`.
+    """
+    departure_et = departure_state(problem.departure, problem.spacecraft).et
+    return _table(*target_kernel(problem, cache_folder), departure_et, *window_days(problem))
+
+
+@functools.cache
+def _table(path: Path, naif_id: int, departure_et: float, start: float, stop: float) -> EphemerisTable:
+    orbit = read_orbit(path, naif_id)
+    if orbit is None or orbit.coefficients.shape[1] < MIN_COEFFICIENTS:
+        orbit = fit_orbit(path, naif_id, *(departure_et + days * SECONDS_PER_DAY for days in (start, stop)))
+    first = (orbit.start_et - departure_et) / TU_S
+    return EphemerisTable(first, orbit.record_s / TU_S, orbit.coefficients / LU_KM)
+
+
+def window_days(problem: Problem) -> tuple[float, float]:
+    """Return the span over which a problem needs its target [days past departure]."""
+    latest = problem.latest_arrival_days - (getattr(problem.departure, "duration_days", None) or 0.0)
+    if isinstance(problem.target, SpkTarget):
+        return 0.0, latest
+    return NRHO_WINDOW_DAYS[0], max(NRHO_WINDOW_DAYS[1], math.ceil(latest))
+
+
+def _identity(target: NrhoTarget, departure_et: float, start: float, stop: float) -> str:
+    return content_hash(
+        {
+            "version": _VERSION,
+            "target": target.model_dump(mode="json"),
+            "window": [departure_et, start, stop],
+            "records": [_RECORD_S, _N_COEFFICIENTS],
+            "model": [GM_EARTH, GM_MOON, GM_SUN, GM_JUPITER, MU_CR3BP, KERNEL_MD5],
+        }
+    )
+
+
+def _provenance(target: NrhoTarget) -> str:
+    return (
+        "Near-rectilinear halo orbit about the Moon, ballistic under point masses of Earth, Moon, Sun and\n"
+        "Jupiter's system at their places in DE440; made by coastarc.\n"
+        f"Period of the CR3BP orbit: {target.period_days} days. Perilune near {target.perilune_epoch} TDB."
+    )
+
+
+def _ballistic(problem: Problem, departure_et: float) -> PatchedOrbit:
+    assert isinstance(problem.target, NrhoTarget)
+    window = window_days(problem)
+    period, margin = problem.target.period_days, margin_days(problem.target.period_days)
+    bodies = body_table(departure_et, window[0] - margin, window[1] + margin)
+    perilune_days = (seconds_past_j2000(problem.target.perilune_epoch) - departure_et) / SECONDS_PER_DAY
+    return nrho(force_model(problem, bodies), period, perilune_days, window)
+
+
+def _records(orbit: PatchedOrbit, departure_et: float, start: float, stop: float) -> ChebyshevOrbit:
+    """Return an orbit as records that cover a span [days past departure]."""
+    n_records = math.ceil((stop - start) * SECONDS_PER_DAY / _RECORD_S)
+    seconds = record_nodes(start * SECONDS_PER_DAY, _RECORD_S, n_records, _N_COEFFICIENTS)
+    coefficients = coefficients_through(orbit.states_from_moon(seconds / TU_S)[:, :, :3] * LU_KM)
+    return ChebyshevOrbit(departure_et + start * SECONDS_PER_DAY, _RECORD_S, coefficients)
