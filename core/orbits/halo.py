@@ -17,8 +17,8 @@ from core.constants import MU_CR3BP
 
 Array = NDArray[np.float64]
 
-#: Bound on the residual of the symmetry conditions [LU, LU/TU].
-TOLERANCE = 1e-13
+#: Bound on the residual of the symmetry conditions [LU, LU/TU]; rounding at perilune leaves 2e-13.
+TOLERANCE = 5e-13
 
 # An orbit of the family to start from: period; x, z and vy at apolune; docs/method.md, table (O1).
 _KNOWN_PERIOD = 1.5111964

@@ -25,8 +25,6 @@ VELOCITY_TOLERANCE_KM_S = 1e-9
 # Tight, since a perilune magnifies the error of a step three hundred times.
 _INTEGRATION_TOLERANCE = 1e-14
 _MAX_ITERATIONS = 30
-_NO_THRUST = np.zeros(3)
-_NO_PARTIALS = np.zeros((3, 3))
 
 
 class ShootingError(RuntimeError):
@@ -138,15 +136,17 @@ def fly_halves(model: ForceModel, epochs: Array, states: Array) -> Array:
 @compiled
 def coast(model: ForceModel, t_a: float, t_b: float, r: Array, v: Array, ends: Array, work: Array) -> int:
     """Fly without thrust in place; arguments and result are those of `core.dynamics.propagate`."""
+    # Made here, since constant arrays would make numba compile the integrator once more for their own type.
+    nothing, no_partials = np.zeros(3), np.zeros((3, 3))
     return propagate(
         model,
         t_a,
         t_b,
         1.0,
-        _NO_THRUST,
+        nothing,
         0.0,
-        _NO_PARTIALS,
-        _NO_THRUST,
+        no_partials,
+        nothing,
         _INTEGRATION_TOLERANCE,
         r,
         v,
