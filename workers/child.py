@@ -1,0 +1,73 @@
+"""The main loop of one pool process: jobs in on stdin, outcomes out on stdout, one JSON line each.
+
+The process ends when stdin closes, so a parent that is killed leaves no orphan.  Nothing heavy is
+imported before the first job is read, which keeps the start quick and the environment in charge.
+"""
+
+import json
+import os
+import queue
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any, TextIO
+
+from workers.executor import Ticket
+from workers.job import Claim, JobOutcome
+
+
+class Inbox:
+    """Reads orders on a thread of its own, so that a cancel is seen while a solve runs."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self.claims: queue.Queue[Claim] = queue.Queue()
+        self._cancelled: set[Ticket] = set()
+        self._stream = stream
+
+    def start(self) -> None:
+        """Begin to read."""
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def is_cancelled(self, ticket: Ticket) -> bool:
+        """Return whether the parent asked this attempt to stop."""
+        return ticket in self._cancelled
+
+    def _read(self) -> None:
+        for line in self._stream:
+            order: dict[str, Any] = json.loads(line)
+            if "cancel" in order:
+                self._cancelled.add(Ticket(*order["cancel"]))
+            else:
+                self.claims.put(Claim.model_validate(order["run"]))
+        # The parent is gone: whatever runs has nobody left to tell.
+        os._exit(0)
+
+
+def runner_named(path: str) -> Callable[..., JobOutcome]:
+    """Return the function that a `module:name` means."""
+    module, name = path.split(":")
+    runner: Callable[..., JobOutcome] = getattr(import_module(module), name)
+    return runner
+
+
+def main() -> None:
+    """Run jobs until stdin closes."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Solvers print; only outcomes may reach the parent's pipe.
+    replies = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    inbox = Inbox(sys.stdin)
+    inbox.start()
+    runner = runner_named(sys.argv[1])
+    while True:
+        claim = inbox.claims.get()
+        ticket = Ticket(claim.job_id, claim.attempt)
+        outcome = runner(claim.job, lambda ticket=ticket: inbox.is_cancelled(ticket))
+        replies.write(json.dumps({"ticket": ticket, "outcome": outcome.model_dump(mode="json")}) + "\n")
+        replies.flush()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,45 @@
+"""The protocol of everything that runs jobs: inline, a pool of processes, later a cluster.
+
+An executor may forget all it holds at any time; the coordinator's database is the only truth.
+"""
+
+from typing import NamedTuple, Protocol
+
+from workers.job import Job, JobOutcome
+
+
+class Ticket(NamedTuple):
+    """One attempt at one job."""
+
+    job_id: int
+    attempt: int
+
+
+class Finished(NamedTuple):
+    """An attempt that ended, whatever the ending."""
+
+    ticket: Ticket
+    outcome: JobOutcome
+
+
+class ExecutorError(RuntimeError):
+    """An executor that was asked for what it cannot do."""
+
+
+class Executor(Protocol):
+    """Runs jobs; every ticket that was submitted comes back exactly once from `finished`."""
+
+    def capacity(self) -> int:
+        """Return how many jobs run at once."""
+
+    def submit(self, ticket: Ticket, job: Job) -> None:
+        """Accept a job; never more than `capacity` at a time."""
+
+    def finished(self, timeout: float) -> list[Finished]:
+        """Return what has ended, after waiting at most `timeout` seconds for a first one."""
+
+    def cancel(self, ticket: Ticket, force: bool = False) -> None:
+        """Ask an attempt to stop, or kill it; unknown tickets are ignored."""
+
+    def close(self) -> None:
+        """Stop everything, and give back all resources."""

@@ -1,0 +1,170 @@
+"""The messages between the coordinator and whatever runs jobs: frozen, validated, JSON both ways.
+
+A job says everything that its run needs, so that it gives the same result wherever and however often
+it runs.  Decision vectors are in the paper layout and public units (days, throttle [-], rad, kg).
+"""
+
+from enum import StrEnum
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+#: `HopAddress.kind` of the two kinds of job; part of every generator's key, so never renumbered.
+KIND_NUMBERS = {"hop": 0, "map": 1}
+
+
+class Ending(StrEnum):
+    """How a solve or an attempt ended; the first four are results, the others are not."""
+
+    FEASIBLE = "feasible"
+    INFEASIBLE = "infeasible"
+    NUMERICAL = "numerical"
+    TIMEOUT = "timeout"
+    ERROR = "error"
+    CRASH = "crash"
+    LOST = "lost"
+    CANCELLED = "cancelled"
+
+
+class Message(BaseModel):
+    """Data that crosses a process boundary."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Address(Message):
+    """Where in its campaign a solve stands; with the rng_seed it fixes every number drawn."""
+
+    search: Annotated[int, Field(ge=0)]
+    case: Annotated[int, Field(ge=0)] = 0
+    #: Number of the chain, or for a map job the solution hash of its seed read as an integer.
+    chain: Annotated[int, Field(ge=0)]
+    hop: Annotated[int, Field(ge=0)] = 0
+
+
+class Settings(Message):
+    """What shapes a solve besides its guess; caps are scaled by 1 + k inside `core.solve`."""
+
+    cpu_seconds: Annotated[float, Field(gt=0, le=86400, allow_inf_nan=False)] = 30.0
+    max_iterations: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
+    n_legs: Annotated[int, Field(ge=1, le=200)] = 10
+
+
+class HopLaws(Message):
+    """How a chain of monotonic basin hopping draws its starts and its hops."""
+
+    guess_law: str = "uniform"
+    hop_law: str = "uniform"
+    hop_width: Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)] = 0.1
+    #: Rejected hops in a row after which the chain starts afresh.
+    max_failures: Annotated[int, Field(ge=1)] = 5
+
+
+class HopJob(Message):
+    """A chain of monotonic basin hopping: `n_hops` solves from one start."""
+
+    kind: Literal["hop"] = "hop"
+    problem: dict[str, Any]
+    rng_seed: Annotated[int, Field(ge=0)]
+    address: Address
+    n_hops: Annotated[int, Field(ge=1)]
+    laws: HopLaws = HopLaws()
+    settings: Settings = Settings()
+
+
+class MapJob(Message):
+    """One seed, mapped to one guess and solved."""
+
+    kind: Literal["map"] = "map"
+    problem: dict[str, Any]
+    rng_seed: Annotated[int, Field(ge=0)]
+    address: Address
+    seed_id: str
+    seed_problem: dict[str, Any]
+    seed_x: tuple[float, ...]
+    mapping: str
+    settings: Settings = Settings()
+
+
+Job = Annotated[HopJob | MapJob, Field(discriminator="kind")]
+
+
+class Provenance(Message):
+    """What produced a result."""
+
+    code_version: str
+    python_version: str
+    package_versions: dict[str, str]
+    #: SHA-256 of the SPICE kernels by file name.
+    kernel_hashes: dict[str, str]
+    host: str
+
+
+class Trajectory(Message):
+    """What a designer asks first about a solution; masses and times are those of the reference."""
+
+    final_mass_kg: float
+    #: Used in the transfer, that is since the departure state.
+    propellant_kg: float
+    delta_v_km_s: float
+    #: Counted from the wet mass: spiral and transfer.
+    delta_v_total_km_s: float
+    shooting_days: float
+    initial_coast_days: float
+    final_coast_days: float
+    time_of_flight_days: float
+    insertion_epoch: str
+    arrival_epoch: str
+
+
+class Certificate(Message):
+    """What the independent re-flight of a solution found."""
+
+    paper: bool
+    strict: bool
+    #: One row per trajectory: (x, y, z) [km], (vx, vy, vz) [km/s], m [kg].
+    defects: tuple[tuple[float, ...], ...]
+    details: dict[str, Any] = {}
+    cpu_seconds: float
+
+
+class SolveRecord(Message):
+    """One NLP solve, feasible or not; every one of them counts as a guess."""
+
+    hop: Annotated[int, Field(ge=0)]
+    rng_key: str
+    ending: Ending
+    #: Name of a `core.nlp.ExitStatus`.
+    status: str
+    is_feasible: bool
+    objective_kg: float | None
+    violation: float | None
+    defects: tuple[tuple[float | None, ...], ...]
+    n_iterations: int
+    n_evaluations: int
+    cpu_seconds: float
+    wall_seconds: float
+    #: What the chain did with it; None for a map job.
+    move: Literal["accepted", "rejected", "restarted"] | None = None
+    #: Only when the verifier found it feasible at the paper's tolerance or better.
+    x: tuple[float, ...] | None = None
+    trajectory: Trajectory | None = None
+    certificate: Certificate | None = None
+
+
+class JobOutcome(Message):
+    """How an attempt at a job ended, with one record per solve that it finished."""
+
+    ending: Ending
+    solves: tuple[SolveRecord, ...] = ()
+    provenance: Provenance | None = None
+    #: A traceback for `error`, the last words of the process for `crash`.
+    error: str | None = None
+
+
+class Claim(Message):
+    """A job handed out, with the attempt that fences its report."""
+
+    job_id: int
+    attempt: int
+    job: Job

@@ -1,0 +1,167 @@
+"""Runs jobs in processes of this machine: one per slot, each with its own pipe.
+
+`concurrent.futures` would lose its whole pool when one child is killed; here a killed child is one attempt
+that ended as `crash`, and its slot starts again.
+"""
+
+import json
+import os
+import queue
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+from workers.executor import ExecutorError, Finished, Ticket
+from workers.job import Claim, Ending, Job, JobOutcome
+from workers.threads import single_threaded
+
+#: How long a child may take to leave after its stdin closed [s].
+LEAVE_SECONDS = 2.0
+#: How much of what a child printed is kept as the explanation of a crash [bytes].
+LAST_WORDS = 4000
+
+
+class _Child:
+    """One process, the ticket it works on, and a thread that reads its replies."""
+
+    def __init__(self, runner: str, replies: "queue.Queue[tuple[_Child, str | None]]") -> None:
+        self.ticket: Ticket | None = None
+        self.is_killed = False
+        self._printed = tempfile.TemporaryFile()
+        self.process = subprocess.Popen(
+            # -P: a folder called `core` where the user happens to stand must not be imported.
+            [sys.executable, "-P", "-m", "workers.child", runner],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._printed,
+            text=True,
+            encoding="utf-8",
+            env=single_threaded(os.environ) | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+            # Ctrl-C in the terminal is the parent's business alone.
+            start_new_session=True,
+        )
+        self._replies = replies
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def send(self, order: dict[str, Any]) -> None:
+        """Write an order; a child that just died is noticed by its reader."""
+        assert self.process.stdin is not None
+        try:
+            self.process.stdin.write(json.dumps(order) + "\n")
+            self.process.stdin.flush()
+        except (BrokenPipeError, OSError):
+            return
+
+    def obituary(self) -> JobOutcome:
+        """Return what became of the job of a process that died: killed by us, or by something else."""
+        if self.is_killed:
+            return JobOutcome(ending=Ending.CANCELLED)
+        return JobOutcome(ending=Ending.CRASH, error=self._last_words())
+
+    def _last_words(self) -> str:
+        self._printed.seek(0, os.SEEK_END)
+        self._printed.seek(max(0, self._printed.tell() - LAST_WORDS))
+        printed = self._printed.read().decode(errors="replace").strip()
+        return f"worker process: expected a reply, got exit code {self.process.wait()}\n{printed}".strip()
+
+    def leave(self) -> None:
+        """End the process, gently if it lets us, and close its pipes."""
+        assert self.process.stdin is not None and self.process.stdout is not None
+        try:
+            self.process.stdin.close()
+        except OSError:
+            pass  # A child that died first leaves unflushed orders behind.
+        try:
+            self.process.wait(LEAVE_SECONDS)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        self._reader.join()
+        self.process.stdout.close()
+        self._printed.close()
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self._replies.put((self, line))
+        self._replies.put((self, None))
+
+
+class ProcessPool:
+    """An executor of `n_workers` processes; `runner` names the function they call."""
+
+    def __init__(self, n_workers: int, runner: str = "workers.run:run_job") -> None:
+        if n_workers < 1:
+            raise ExecutorError(f"workers: expected at least 1, got {n_workers}")
+        self._runner = runner
+        self._replies: queue.Queue[tuple[_Child, str | None]] = queue.Queue()
+        self._children = [self._started() for _ in range(n_workers)]
+
+    def capacity(self) -> int:
+        """Return the number of processes."""
+        return len(self._children)
+
+    def processes(self) -> dict[int, Ticket | None]:
+        """Return the process ids and what each works on."""
+        return {child.process.pid: child.ticket for child in self._children}
+
+    def submit(self, ticket: Ticket, job: Job) -> None:
+        """Hand a job to an idle process."""
+        child = next((child for child in self._children if child.ticket is None), None)
+        if child is None:
+            n = self.capacity()
+            raise ExecutorError(
+                f"process pool: expected at most {n} jobs at a time, got job {ticket.job_id} too"
+            )
+        child.ticket = ticket
+        claim = Claim(job_id=ticket.job_id, attempt=ticket.attempt, job=job)
+        child.send({"run": claim.model_dump(mode="json")})
+
+    def finished(self, timeout: float) -> list[Finished]:
+        """Return what has ended, after waiting at most `timeout` seconds for a first one."""
+        done = []
+        for child, line in self._arrived(timeout):
+            ticket, child.ticket = child.ticket, None
+            if line is None:
+                if ticket is not None:
+                    done.append(Finished(ticket, child.obituary()))
+                self._restart(child)
+            else:
+                reply = json.loads(line)
+                done.append(Finished(Ticket(*reply["ticket"]), JobOutcome.model_validate(reply["outcome"])))
+        return done
+
+    def cancel(self, ticket: Ticket, force: bool = False) -> None:
+        """Ask the attempt to stop at its next iteration, or kill its process."""
+        for child in self._children:
+            if child.ticket == ticket:
+                if force:
+                    child.is_killed = True
+                    child.process.kill()
+                else:
+                    child.send({"cancel": list(ticket)})
+
+    def close(self) -> None:
+        """End all processes."""
+        for child in self._children:
+            child.leave()
+        self._children = []
+
+    def _started(self) -> _Child:
+        return _Child(self._runner, self._replies)
+
+    def _restart(self, child: _Child) -> None:
+        child.leave()
+        self._children[self._children.index(child)] = self._started()
+
+    def _arrived(self, timeout: float) -> Iterator[tuple[_Child, str | None]]:
+        try:
+            yield self._replies.get(timeout=timeout)
+            while True:
+                yield self._replies.get_nowait()
+        except queue.Empty:
+            return

@@ -1,0 +1,215 @@
+"""From a job to its outcome: one record per NLP solve, each feasible one certified.
+
+This is the only file of workers that does numerics.  Numerical failure is data; an exception is a bug
+of ours and ends the attempt as `error`, with the solves that were finished before it.
+"""
+
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+import core
+from core.nlp import Outcome, SolveSettings
+from core.problem import Problem, problem_from
+from core.search import Chain, HopAddress, hop_rng, solve_seed
+from core.tolerances import PAPER, violation
+from core.transcription import Transcription
+from workers.certify import certificate, trajectory
+from workers.job import KIND_NUMBERS, Ending, HopJob, Job, JobOutcome, MapJob, Settings, SolveRecord
+from workers.provenance import provenance
+from workers.threads import require_one_thread
+
+Stop = Callable[[], bool]
+
+#: The wall clock is a safety net for a solver that does not get its processor; see `_Deadline`.
+WALL_FACTOR = 4.0
+WALL_MARGIN_S = 60.0
+
+#: Endings of statuses that are not plainly infeasible.
+ENDINGS = {
+    "NOT_FINITE": Ending.NUMERICAL,
+    "SOLVER_FAILURE": Ending.NUMERICAL,
+    "TIMEOUT": Ending.TIMEOUT,
+    # Nobody asked it to: a job that was cancelled hands in no record, so this was the wall clock.
+    "STOPPED": Ending.TIMEOUT,
+}
+
+
+def run_job(job: Job, stop: Stop = lambda: False) -> JobOutcome:
+    """Run a job to its end, or until `stop` says so; every finished solve is kept."""
+    solves: list[SolveRecord] = []
+    try:
+        with threadpool_limits(1):
+            require_one_thread()
+            for record in _solves(job, stop):
+                solves.append(record)
+    except Exception:
+        return _outcome(Ending.ERROR, solves, traceback.format_exc())
+    return _outcome(Ending.CANCELLED if stop() else summary_ending(solves), solves)
+
+
+def summary_ending(solves: list[SolveRecord]) -> Ending:
+    """Return the ending of a job: the best of its solves'."""
+    order = (Ending.FEASIBLE, Ending.INFEASIBLE, Ending.TIMEOUT, Ending.NUMERICAL)
+    return min((record.ending for record in solves), key=order.index, default=Ending.NUMERICAL)
+
+
+def _outcome(ending: Ending, solves: list[SolveRecord], error: str | None = None) -> JobOutcome:
+    return JobOutcome(ending=ending, solves=tuple(solves), provenance=provenance(), error=error)
+
+
+def _solves(job: Job, stop: Stop) -> Iterator[SolveRecord]:
+    return _hops(job, stop) if isinstance(job, HopJob) else _mapped(job, stop)
+
+
+def _hops(job: HopJob, stop: Stop) -> Iterator[SolveRecord]:
+    problem, transcription = prepared(job.problem, job.settings.n_legs)
+    laws = job.laws
+    chain = Chain(transcription, laws.guess_law, laws.hop_law, laws.hop_width, laws.max_failures)
+    for hop in range(job.address.hop, job.address.hop + job.n_hops):
+        guess = chain.ask(hop_rng(job.rng_seed, hop_address(job, hop)))
+        deadline = _Deadline(job.settings, problem, stop)
+        stopwatch = Stopwatch()
+        outcome = core.solve(transcription, guess, solve_settings(job.settings), deadline)
+        times = stopwatch.read()
+        if stop():
+            return
+        move = chain.tell(guess, outcome)
+        yield _record(job, hop, problem, outcome, times, move)
+
+
+def _mapped(job: MapJob, stop: Stop) -> Iterator[SolveRecord]:
+    problem, _ = prepared(job.problem, job.settings.n_legs)
+    seed_problem = problem_from(job.seed_problem)
+    deadline = _Deadline(job.settings, problem, stop)
+    stopwatch = Stopwatch()
+    settings = solve_settings(job.settings)
+    outcome = solve_seed(seed_problem, np.array(job.seed_x), problem, job.mapping, settings, deadline)
+    times = stopwatch.read()
+    if not stop():
+        yield _record(job, job.address.hop, problem, outcome, times)
+
+
+def hop_address(job: Job, hop: int) -> HopAddress:
+    """Return the address that the generator of a hop is made from."""
+    place = job.address
+    return HopAddress(KIND_NUMBERS[job.kind], place.search, place.case, place.chain, hop)
+
+
+def solve_settings(settings: Settings) -> SolveSettings:
+    """Return core's settings; what the job leaves open keeps core's default."""
+    given: dict[str, Any] = {"cpu_seconds": settings.cpu_seconds}
+    if settings.max_iterations is not None:
+        given["max_iterations"] = settings.max_iterations
+    return SolveSettings(**given)
+
+
+def prepared(definition: dict[str, Any], n_legs: int) -> tuple[Problem, Transcription]:
+    """Return a problem and its transcription, built and compiled once per process."""
+    problem = problem_from(definition)
+    return _prepared(problem.hash, n_legs, _Unhashed(problem))
+
+
+class _Unhashed:
+    """Carries a problem past `lru_cache`, which is to see its hash alone."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+
+    def __eq__(self, other: object) -> bool:
+        return True
+
+    def __hash__(self) -> int:
+        return 0
+
+
+@lru_cache(maxsize=32)
+def _prepared(_hash: str, n_legs: int, carrier: _Unhashed) -> tuple[Problem, Transcription]:
+    transcription = core.transcribe(carrier.problem, n_legs=n_legs)
+    # Compile what a solve calls before any clock runs; the draw is no part of the search.
+    guess = core.sample_guess(transcription, np.random.default_rng(0))
+    transcription.defects(guess)
+    transcription.jacobian(guess)
+    return carrier.problem, transcription
+
+
+class Stopwatch:
+    """Processor time of this thread, and wall time, since it was made."""
+
+    def __init__(self) -> None:
+        self._start = (time.thread_time(), time.perf_counter())
+
+    def read(self) -> tuple[float, float]:
+        """Return (cpu_seconds, wall_seconds)."""
+        return time.thread_time() - self._start[0], time.perf_counter() - self._start[1]
+
+
+class _Deadline:
+    """Stops a solve when asked to, or when the wall clock has run far past the processor-time cap."""
+
+    def __init__(self, settings: Settings, problem: Problem, stop: Stop) -> None:
+        cap = settings.cpu_seconds * (1 + problem.k)
+        self._end = time.monotonic() + WALL_FACTOR * cap + WALL_MARGIN_S
+        self._stop = stop
+
+    def __call__(self) -> bool:
+        return self._stop() or time.monotonic() > self._end
+
+
+def _record(
+    job: Job,
+    hop: int,
+    problem: Problem,
+    outcome: Outcome,
+    times: tuple[float, float],
+    move: Any = None,
+) -> SolveRecord:
+    judged = _judged(problem, outcome)
+    place = hop_address(job, hop)
+    ending = Ending.FEASIBLE if judged else ENDINGS.get(outcome.status.name, Ending.INFEASIBLE)
+    return SolveRecord(
+        hop=hop,
+        rng_key="/".join(map(str, (job.rng_seed, *place))),
+        ending=ending,
+        status=outcome.status.name,
+        is_feasible=bool(outcome.is_feasible),
+        objective_kg=_finite(outcome.objective),
+        violation=_finite(outcome.violation),
+        defects=tuple(tuple(map(_finite, row)) for row in np.asarray(outcome.defects)),
+        n_iterations=int(outcome.n_iterations),
+        n_evaluations=int(outcome.n_evaluations),
+        cpu_seconds=times[0],
+        wall_seconds=times[1],
+        move=move,
+        **judged,
+    )
+
+
+def _judged(problem: Problem, outcome: Outcome) -> dict[str, Any]:
+    """Return vector, facts and certificate of a solution, or nothing if it is none."""
+    if violation(outcome.defects, PAPER) > 1.0:
+        return {}
+    stopwatch = Stopwatch()
+    verification = core.verify(problem, outcome.x)
+    if not verification.paper:
+        return {}
+    return {
+        "x": as_floats(outcome.x),
+        "trajectory": trajectory(problem, outcome.x, verification),
+        "certificate": certificate(verification, stopwatch.read()[0]),
+    }
+
+
+def as_floats(x: NDArray[np.float64]) -> tuple[float, ...]:
+    """Return a vector as plain floats, which JSON carries exactly."""
+    return tuple(np.asarray(x, dtype=np.float64).tolist())
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
