@@ -1,0 +1,41 @@
+"""Specifications and campaigns to test with; their solves are those of `tests.workers.fake`."""
+
+from service.coordinator import LocalSource
+from service.spec import spec_from
+from service.store import Store
+from service.store.records import Filter
+from tests.workers.fake import run_fake
+from workers.dispatcher import Dispatcher
+from workers.inline import Inline
+
+OUTAGE = {"segment": 24, "duration_days": 1.0}
+
+
+def spec_fields(guesses=8, **more):
+    """Return S(0) and S(1|0), which seeds itself from the former."""
+    return {
+        "campaign": {"name": "test", "rng_seed": 7},
+        "problem": {"preset": "ppe-drm3"},
+        "search": [
+            {"id": "s0", "strategy": "S(0)", "guesses": guesses, "hops": 2},
+            {"id": "s1-0", "strategy": "S(1|0)", "outages": [OUTAGE], "seeds": {"from": "s0"}},
+        ],
+    } | more
+
+
+def submitted(store: Store, fields=None) -> int:
+    return store.submit(spec_from(fields or spec_fields()))[0]
+
+
+def finish(store: Store, executor=None, n_steps=10_000) -> None:
+    """Work on everything until nothing is left, or for so many steps."""
+    dispatcher = Dispatcher(LocalSource(store, None), executor or Inline(run_fake), worker="test")
+    for _ in range(n_steps):
+        if not dispatcher.step() and all(item.state == "done" for item in store.campaigns()):
+            return
+
+
+def content(store: Store):
+    """Return all that a campaign found, without what may differ between two runs of it."""
+    volatile = {"created_at", "cpu_seconds", "wall_seconds", "host", "campaign_id", "search_id"}
+    return [record.model_dump(exclude=volatile) for record in store.all_records(Filter())]

@@ -1,0 +1,120 @@
+import copy
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from service.spec import SpecError, load_spec, spec_from
+from tests.service.campaigns import OUTAGE, spec_fields
+
+
+def changed(**more):
+    """Return the specification with other fields in its second search; None removes one."""
+    fields = copy.deepcopy(spec_fields())
+    fields["search"][1].update(more)
+    fields["search"][1] = {name: value for name, value in fields["search"][1].items() if value is not None}
+    return fields
+
+
+REFUSED = [
+    (changed(colour="red"), "spec.search.1.colour: Extra inputs"),
+    (changed(seeds={"from": "s9"}), "search s1-0: seeds.from: expected one of s0, s1-0, got 's9'"),
+    (changed(seeds={"from": "s1-0"}), "expected a search of S(0...) for S(1|0), got 's1-0', which is S(1|0)"),
+    (changed(seeds={"from": "s0", "limit": 0}), "spec.search.1.seeds.limit"),
+    (changed(seeds={"from": "s0", "order": "colour"}), "spec.search.1.seeds.order"),
+    (changed(seeds=None), "seeds: expected a table with `from` for S(1|0), got none"),
+    (changed(strategy="S(1|1)"), "strategy: expected k' < k, got S(1|1)"),
+    (changed(strategy="S(2|0)"), "outages: expected 2 for S(2|0), got 1"),
+    (changed(strategy="T(1)"), "spec.search.1.strategy"),
+    (changed(outages=[]), "outages: expected 1 for S(1|0), got 0"),
+    (changed(outages=[{"segment": 50, "duration_days": 1.0}]), "expected a segment in 1..49"),
+    (changed(outages=[OUTAGE, OUTAGE], strategy="S(2|0)"), "got segment 24 with 1.0 days twice"),
+    (changed(guesses=3), "guesses: expected to be absent for S(1|0), got 3"),
+    (changed(guess_law="uniform"), "guess_law: expected to be absent for S(1|0), got 'uniform'"),
+    (changed(mapping="magic"), "expected one of reference, aligned, continued, got 'magic'"),
+    (changed(id="s0"), "expected different ids, got 's0' 2 times"),
+    (changed(cpu_seconds=0), "spec.search.1.cpu_seconds"),
+    (changed(cpu_seconds=float("nan")), "spec.search.1.cpu_seconds"),
+    (changed(core_seconds=1.0, solutions=2), "expected at most one of core_seconds, solutions"),
+    (spec_fields(guesses=0), "spec.search.0.guesses"),
+    (spec_fields(guesses=None), "budget: expected exactly one of guesses, core_seconds, solutions, got none"),
+    (spec_fields(search=[]), "spec.search"),
+    (spec_fields(campaign={"name": "x", "rng_seed": -1}), "spec.campaign.rng_seed"),
+    (spec_fields(campaign={"name": "../x", "rng_seed": 1}), "spec.campaign.name"),
+    (spec_fields(problem={"preset": "moon-shot"}), "expected one of ppe-drm3, got 'moon-shot'"),
+    (spec_fields(problem={"preset": "ppe-drm3", "outages": [OUTAGE]}), "outages: expected none here"),
+    (spec_fields(problem={"preset": "ppe-drm3", "n_segments": -3}), "n_segments"),
+    ([], "spec: expected tables campaign, problem and search, got list"),
+]
+
+
+@pytest.mark.parametrize(("fields", "reason"), REFUSED, ids=[reason[:50] for _, reason in REFUSED])
+def test_what_cannot_be_run_is_refused_with_field_value_and_reason(fields, reason):
+    with pytest.raises(SpecError) as refusal:
+        spec_from(fields)
+    assert reason in str(refusal.value)
+
+
+def test_a_chain_may_not_name_a_mapping_or_seeds():
+    for more in ({"mapping": "reference"}, {"seeds": {"from": "s0"}}):
+        fields = spec_fields()
+        fields["search"][0].update(more)
+        with pytest.raises(SpecError, match=r"expected to be absent for S\(0\)"):
+            spec_from(fields)
+
+
+def test_a_file_named_over_the_network_is_refused_unread(tmp_path):
+    problem = {
+        "preset": "ppe-drm3",
+        "target": {"kind": "spk", "path": str(tmp_path / "no.bsp"), "naif_id": -7},
+    }
+    with pytest.raises(SpecError, match="without a file over the network"):
+        spec_from(spec_fields(problem=problem))
+    with pytest.raises(SpecError, match="is not a file"):
+        spec_from(spec_fields(problem=problem), allow_files=True)
+
+
+def test_toml_and_json_say_the_same(tmp_path):
+    (tmp_path / "a.json").write_text(json.dumps(spec_fields()))
+    (tmp_path / "a.toml").write_text(TOML)
+    assert load_spec(tmp_path / "a.toml").hash == load_spec(tmp_path / "a.json").hash
+
+
+def test_a_file_that_is_no_toml_is_refused_in_one_line(tmp_path):
+    (tmp_path / "a.toml").write_text("[campaign\n")
+    with pytest.raises(SpecError, match=r"expected a readable \.toml or \.json file") as refusal:
+        load_spec(tmp_path / "a.toml")
+    assert "\n" not in str(refusal.value)
+
+
+@given(k=st.integers(0, 12), guesses=st.integers(1, 10**6), hops=st.integers(1, 50))
+def test_a_specification_survives_its_own_plain_data(k, guesses, hops):
+    outages = [{"segment": 1 + 4 * i, "duration_days": 0.5} for i in range(k)]
+    search = {"id": "a", "strategy": f"S({k})", "outages": outages, "guesses": guesses, "hops": hops}
+    spec = spec_from(spec_fields(search=[search]))
+    again = spec_from(json.loads(json.dumps(spec.as_fields())))
+    assert again == spec and again.hash == spec.hash
+
+
+def test_a_different_budget_is_a_different_campaign():
+    assert spec_from(spec_fields(guesses=8)).hash != spec_from(spec_fields(guesses=9)).hash
+
+
+TOML = """
+[campaign]
+name = "test"
+rng_seed = 7
+[problem]
+preset = "ppe-drm3"
+[[search]]
+id = "s0"
+strategy = "S(0)"
+guesses = 8
+hops = 2
+[[search]]
+id = "s1-0"
+strategy = "S(1|0)"
+outages = [{ segment = 24, duration_days = 1.0 }]
+seeds = { from = "s0" }
+"""
