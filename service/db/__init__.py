@@ -1,0 +1,1 @@
+"""The tables and the connections to them."""

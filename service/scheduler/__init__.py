@@ -1,0 +1,1 @@
+"""Planning: campaign and progress in, next jobs out; pure functions that the store calls."""

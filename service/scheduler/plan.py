@@ -1,0 +1,125 @@
+"""What to do next: which jobs a search still needs, and when it has ended.
+
+Every rule depends on the specification and on what is stored, never on the number of workers or on who
+came first, except that budgets in core seconds or solutions end a search at a moment that does.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from service.spec import SearchSpec, Seeds
+
+#: Chains that are kept ready in the queue, however large the budget is.
+CHAINS_AHEAD = 256
+#: Failures (crash, lost) after which a job is given up.
+MAX_FAILURES = 3
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedJob:
+    """A job that is to exist; with its search this is its whole address."""
+
+    kind: str
+    chain: int
+    n_hops: int
+    case: int = 0
+    hop: int = 0
+    seed_id: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """What a search has done so far."""
+
+    #: Chains that were ever planned.
+    n_chains: int
+    n_queued: int
+    n_running: int
+    cpu_seconds: float
+    n_solutions: int
+    #: Whether the search that gives the seeds has ended; True for one that needs none.
+    source_has_ended: bool = True
+
+    @property
+    def n_open(self) -> int:
+        """Jobs that have not ended."""
+        return self.n_queued + self.n_running
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A strict solution that may become a seed, with its place in its own search."""
+
+    id: str
+    #: (case, chain, hop) of the first solve that found it.
+    address: tuple[int, str, int]
+    delta_v_km_s: float
+    time_of_flight_days: float
+
+
+def is_exhausted(search: SearchSpec, progress: Progress) -> bool:
+    """Return whether a budget in core seconds or solutions is used up."""
+    if search.core_seconds is not None:
+        return progress.cpu_seconds >= search.core_seconds
+    return search.solutions is not None and progress.n_solutions >= search.solutions
+
+
+def next_chains(search: SearchSpec, progress: Progress) -> list[PlannedJob]:
+    """Return the chains that S(k) needs now, numbered on from the last; none for S(k|k')."""
+    if search.seed_k is not None or is_exhausted(search, progress):
+        return []
+    wanted = range(progress.n_chains, progress.n_chains + max(0, CHAINS_AHEAD - progress.n_queued))
+    return [PlannedJob("hop", chain, n_hops) for chain in wanted if (n_hops := _hops_of(search, chain))]
+
+
+def _hops_of(search: SearchSpec, chain: int) -> int:
+    """Divide a budget in guesses over the chains; the last one gets what is left."""
+    if search.guesses is None:
+        return search.hops
+    return max(0, min(search.hops, search.guesses - chain * search.hops))
+
+
+def map_job(seed_id: str) -> PlannedJob:
+    """Return the job that maps a seed: its chain is the seed's hash read as an integer."""
+    return PlannedJob("map", int(seed_id, 16), 1, seed_id=seed_id)
+
+
+def chosen(seeds: Seeds, candidates: Iterable[Candidate]) -> list[Candidate]:
+    """Return the seeds in their order, up to the limit; equal ones stand in order of address."""
+    ordered = sorted(candidates, key=lambda candidate: candidate.address)
+    if seeds.order == "delta_v":
+        ordered.sort(key=lambda candidate: candidate.delta_v_km_s)
+    elif seeds.order == "time_of_flight":
+        ordered.sort(key=lambda candidate: candidate.time_of_flight_days)
+    return ordered[: seeds.limit]
+
+
+def priority(search: SearchSpec) -> int:
+    """Return the queue's order: the end of a seed chain first, so that each seed runs all the way down."""
+    return -search.k if search.seed_k is not None else 0
+
+
+def search_state(search: SearchSpec, progress: Progress, new_jobs: Sequence[PlannedJob]) -> str:
+    """Return the state of a search that is neither cancelled nor done."""
+    if progress.n_open or new_jobs:
+        return "active"
+    if search.seed_k is not None:
+        return "done" if progress.source_has_ended else "waiting"
+    return "done"
+
+
+def n_planned(search: SearchSpec, n_mapped: int) -> int | None:
+    """Return how many solves a search will make, as far as that is known."""
+    if search.seed_k is not None:
+        return n_mapped
+    return search.guesses
+
+
+def after_failure(ending: str, n_failures: int) -> str:
+    """Return the next state of a job whose attempt gave no result, counted with this failure."""
+    if ending == "cancelled":
+        return "queued"
+    if ending == "error":
+        # The same input would raise again.
+        return "dead"
+    return "dead" if n_failures >= MAX_FAILURES else "queued"

@@ -1,0 +1,59 @@
+"""Problems and jobs, as lists."""
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from service.api.schemas import JobPage, JobView, OutageView, ProblemItem, ProblemPage, ProblemView
+from service.db.tables import AttemptRow, JobRow, ProblemRow, SearchRow
+from service.store.errors import UnknownRow
+
+
+def list_problems(session: Session, limit: int = 200) -> ProblemPage:
+    """Return the problems, those with few outages first."""
+    rows = session.scalars(select(ProblemRow).order_by(ProblemRow.k, ProblemRow.hash).limit(limit))
+    return ProblemPage(items=[_item(row) for row in rows])
+
+
+def get_problem(session: Session, problem_hash: str) -> ProblemView:
+    """Return a problem with every field written out."""
+    row = session.get(ProblemRow, problem_hash)
+    if row is None:
+        raise UnknownRow("problem", problem_hash)
+    return ProblemView(**_item(row).model_dump(), definition=row.definition)
+
+
+def _item(row: ProblemRow) -> ProblemItem:
+    outages = [OutageView(**outage) for outage in row.definition["outages"]]
+    return ProblemItem(hash=row.hash, k=row.k, outages=outages, n_segments=row.n_segments)
+
+
+def list_jobs(
+    session: Session, campaign: int | None, search: str | None, state: str | None, limit: int, after: int
+) -> JobPage:
+    """Return a page of jobs in order of id."""
+    is_last = (AttemptRow.job_id == JobRow.id) & (AttemptRow.attempt == JobRow.attempt)
+    query = (
+        select(JobRow, SearchRow.campaign_id, AttemptRow.error)
+        .join(SearchRow, SearchRow.id == JobRow.search_id)
+        .outerjoin(AttemptRow, is_last)
+        .where(JobRow.id > after)
+        .order_by(JobRow.id)
+        .limit(limit + 1)
+    )
+    if campaign is not None:
+        query = query.where(SearchRow.campaign_id == campaign)
+    if search is not None:
+        query = query.where(SearchRow.name == search)
+    if state is not None:
+        query = query.where(JobRow.state == state)
+    jobs = [_job(*row) for row in session.execute(query)]
+    return JobPage(items=jobs[:limit], next=jobs[limit - 1].id if len(jobs) > limit else None)
+
+
+def _job(row: JobRow, campaign_id: int, error: str | None) -> JobView:
+    # The last line of a traceback names the exception, what comes before it only where.
+    shown = error.strip().splitlines()[-1] if error else None
+    columns = {
+        name: getattr(row, name) for name in JobView.model_fields if name not in ("campaign_id", "error")
+    }
+    return JobView(**columns, campaign_id=campaign_id, error=shown)

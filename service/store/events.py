@@ -1,0 +1,28 @@
+"""The journal that live pages follow."""
+
+from typing import Any
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from service.api.schemas import EventView
+from service.db.tables import EventRow
+
+
+def note(session: Session, campaign_id: int, kind: str, now: float, **data: Any) -> None:
+    """Write an event in the transaction of what happened."""
+    session.add(EventRow(campaign_id=campaign_id, kind=kind, data=data, created_at=now))
+
+
+def events_after(session: Session, after: int, campaign_id: int | None, limit: int) -> list[EventView]:
+    """Return the events that follow the id `after`, the oldest first."""
+    query = select(EventRow).where(EventRow.id > after).order_by(EventRow.id).limit(limit)
+    if campaign_id is not None:
+        query = query.where(EventRow.campaign_id == campaign_id)
+    return [EventView.model_validate(row) for row in session.scalars(query)]
+
+
+def last_event_id(session: Session, campaign_id: int) -> int:
+    """Return the id of the latest event of a campaign, or 0."""
+    query = select(func.max(EventRow.id)).where(EventRow.campaign_id == campaign_id)
+    return session.scalar(query) or 0

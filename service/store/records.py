@@ -1,0 +1,223 @@
+"""Solutions as records: found by whom, from which seed, and certified how."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from sqlalchemy import Select, func, select
+from sqlalchemy.orm import Session
+
+from service.api.schemas import (
+    Lineage,
+    LineageEdge,
+    LineageNode,
+    OutageView,
+    Record,
+    RecordPage,
+    RecordWithVector,
+)
+from service.db.tables import (
+    AttemptRow,
+    CampaignRow,
+    JobRow,
+    ProblemRow,
+    ProvenanceRow,
+    SearchRow,
+    SeedLinkRow,
+    SolutionRow,
+    SolveRow,
+)
+from service.store.errors import StoreError, UnknownRow
+from service.store.specs import search_spec
+
+#: Columns that a record shows under their own name.
+FROM_SOLUTION = (
+    "id",
+    "problem_hash",
+    "objective_kg",
+    "propellant_kg",
+    "delta_v_km_s",
+    "delta_v_total_km_s",
+    "shooting_days",
+    "initial_coast_days",
+    "final_coast_days",
+    "time_of_flight_days",
+    "insertion_epoch",
+    "arrival_epoch",
+    "paper",
+    "strict",
+    "created_at",
+)
+FROM_SOLVE = ("status", "n_iterations", "n_evaluations", "cpu_seconds", "wall_seconds", "rng_key")
+
+
+class _Found(NamedTuple):
+    """All that a record is made from, in the order of the query's entities."""
+
+    solution: SolutionRow
+    solve: SolveRow
+    job: JobRow
+    search: SearchRow
+    campaign: CampaignRow
+    problem: ProblemRow
+    provenance: ProvenanceRow
+
+
+class Filter:
+    """Which solutions are asked for; what is None does not restrict."""
+
+    def __init__(
+        self, campaign: int | None = None, search: str | None = None, strict: bool | None = None
+    ) -> None:
+        self.campaign = campaign
+        self.search = search
+        self.strict = strict
+
+    def solves(self) -> Select[int]:
+        """Return the first solve of each solution that was found inside the filter."""
+        query = (
+            select(func.min(SolveRow.id))
+            .join(SearchRow, SearchRow.id == SolveRow.search_id)
+            .where(SolveRow.solution_id.is_not(None))
+            .group_by(SolveRow.solution_id)
+        )
+        if self.campaign is not None:
+            query = query.where(SearchRow.campaign_id == self.campaign)
+        if self.search is not None:
+            query = query.where(SearchRow.name == self.search)
+        if self.strict is not None:
+            query = query.where(SolveRow.strict == self.strict)
+        return query
+
+
+def list_records(session: Session, wanted: Filter, limit: int, after: str | None) -> RecordPage:
+    """Return a page of solutions, the most final mass first."""
+    query = _records(wanted).order_by(SolutionRow.objective_kg.desc(), SolutionRow.id).limit(limit + 1)
+    if after is not None:
+        objective, key = _read_mark(after)
+        is_later = (SolutionRow.objective_kg == objective) & (SolutionRow.id > key)
+        query = query.where((SolutionRow.objective_kg < objective) | is_later)
+    found = _found(session, query)
+    records = [_record(row) for row in found[:limit]]
+    has_more = len(found) > limit
+    return RecordPage(items=records, next=_mark(records[-1]) if has_more else None)
+
+
+def get_record(session: Session, solution_id: str) -> RecordWithVector:
+    """Return a solution with its vector, as it was first found."""
+    found = _found(session, _records(Filter()).where(SolutionRow.id == solution_id))
+    if not found:
+        raise UnknownRow("solution", solution_id)
+    return _with_vector(found[0])
+
+
+def all_records(session: Session, wanted: Filter) -> list[RecordWithVector]:
+    """Return all solutions of a filter with their vectors, the most final mass first."""
+    query = _records(wanted).order_by(SolutionRow.objective_kg.desc(), SolutionRow.id)
+    return [_with_vector(row) for row in _found(session, query)]
+
+
+def _with_vector(row: _Found) -> RecordWithVector:
+    shown = _record(row).model_dump()
+    return RecordWithVector(**shown, x=row.solution.x.tolist(), verification=row.solution.verification)
+
+
+def find_id(session: Session, prefix: str) -> str:
+    """Return the id of the one solution that begins with a prefix, as a user types it."""
+    query = select(SolutionRow.id).where(SolutionRow.id.startswith(prefix, autoescape=True)).limit(2)
+    found = session.scalars(query).all()
+    if not found:
+        raise UnknownRow("solution", prefix)
+    if len(found) > 1:
+        raise StoreError(
+            f"solution {prefix}: expected the beginning of one id, got that of several; type more of it"
+        )
+    return found[0]
+
+
+def definition_and_vector(session: Session, solution_id: str) -> tuple[dict[str, Any], np.ndarray[Any, Any]]:
+    """Return the problem of a solution as plain data, and its vector."""
+    solution = session.get(SolutionRow, solution_id)
+    if solution is None:
+        raise UnknownRow("solution", solution_id)
+    return session.get_one(ProblemRow, solution.problem_hash).definition, solution.x
+
+
+def lineage(session: Session, solution_id: str) -> Lineage:
+    """Return all seeds behind a solution, and the seeds of those."""
+    if session.get(SolutionRow, solution_id) is None:
+        raise UnknownRow("solution", solution_id)
+    links: list[SeedLinkRow] = []
+    known, fresh = {solution_id}, {solution_id}
+    while fresh:
+        found = session.scalars(select(SeedLinkRow).where(SeedLinkRow.solution_id.in_(fresh))).all()
+        links.extend(found)
+        fresh = {link.seed_id for link in found} - known
+        known |= fresh
+    rows = _found(session, _records(Filter()).where(SolutionRow.id.in_(known)))
+    edges = [LineageEdge(seed_id=o.seed_id, solution_id=o.solution_id, mapping=o.mapping) for o in links]
+    return Lineage(id=solution_id, nodes=sorted(map(_node, rows), key=lambda node: -node.k), edges=edges)
+
+
+def _node(row: _Found) -> LineageNode:
+    return LineageNode(
+        id=row.solution.id,
+        search=row.search.name,
+        strategy=row.search.strategy,
+        k=row.problem.k,
+        delta_v_km_s=row.solution.delta_v_km_s,
+        strict=row.solution.strict,
+    )
+
+
+def _records(wanted: Filter) -> Any:
+    is_of_attempt = (AttemptRow.job_id == SolveRow.job_id) & (AttemptRow.attempt == SolveRow.attempt)
+    return (
+        select(SolutionRow, SolveRow, JobRow, SearchRow, CampaignRow, ProblemRow, ProvenanceRow)
+        .join(SolveRow, SolveRow.solution_id == SolutionRow.id)
+        .join(JobRow, JobRow.id == SolveRow.job_id)
+        .join(SearchRow, SearchRow.id == SolveRow.search_id)
+        .join(CampaignRow, CampaignRow.id == SearchRow.campaign_id)
+        .join(ProblemRow, ProblemRow.hash == SolutionRow.problem_hash)
+        .join(AttemptRow, is_of_attempt)
+        .join(ProvenanceRow, ProvenanceRow.hash == AttemptRow.provenance_hash)
+        .where(SolveRow.id.in_(wanted.solves()))
+    )
+
+
+def _found(session: Session, query: Any) -> list[_Found]:
+    return [_Found(*row) for row in session.execute(query)]
+
+
+def _record(row: _Found) -> Record:
+    solution, solve, job, search, campaign, problem, provenance = row
+    return Record(
+        **{name: getattr(solution, name) for name in FROM_SOLUTION},
+        **{name: getattr(solve, name) for name in FROM_SOLVE},
+        **{
+            name: provenance.content[name]
+            for name in ("code_version", "package_versions", "kernel_hashes", "host")
+        },
+        seed_id=job.seed_id,
+        mapping=search_spec(campaign, search).mapping if job.seed_id else None,
+        campaign_id=campaign.id,
+        search_id=search.id,
+        search=search.name,
+        strategy=search.strategy,
+        k=problem.k,
+        outages=[OutageView(**outage) for outage in problem.definition["outages"]],
+        defects_solved=solve.defects.reshape(-1, 7).tolist(),
+        defects_verified=solution.defects.reshape(-1, 7).tolist(),
+    )
+
+
+def _mark(record: Record) -> str:
+    # Hexadecimal keeps every bit of the float, which the next page's comparison needs.
+    return f"{record.objective_kg.hex()}_{record.id}"
+
+
+def _read_mark(text: str) -> tuple[float, str]:
+    number, _, key = text.partition("_")
+    try:
+        return float.fromhex(number), key
+    except (ValueError, OverflowError) as error:
+        raise StoreError(f"after: expected the `next` of a page, got {text!r}") from error
