@@ -1,0 +1,196 @@
+import json
+
+import pytest
+
+from tests.service.campaigns import finish, spec_fields, submitted
+
+API = "/api/v1"
+
+
+@pytest.fixture
+def finished(store):
+    submitted(store)
+    finish(store)
+    return store
+
+
+def test_submitting_stores_a_campaign_and_says_where_it_is(client, store):
+    answer = client.post(f"{API}/campaigns", json=spec_fields())
+    assert answer.status_code == 201 and answer.headers["location"] == f"{API}/campaigns/1"
+    body = answer.json()
+    assert body["name"] == "test" and [s["state"] for s in body["searches"]] == ["active", "waiting"]
+    assert store.campaign(1).searches[0].jobs.queued == 4
+
+
+def test_submitting_again_answers_200_with_the_same_campaign(client):
+    client.post(f"{API}/campaigns", json=spec_fields())
+    answer = client.post(f"{API}/campaigns", json=spec_fields())
+    assert answer.status_code == 200 and answer.json()["id"] == 1
+
+
+def test_a_finished_campaign_shows_counts_and_the_best(client, finished):
+    body = client.get(f"{API}/campaigns/1").json()
+    s0, s1 = body["searches"]
+    assert body["state"] == "done" and body["eta_seconds"] == 0.0
+    assert s0["n_solves"] == 8 and s0["n_strict"] <= s0["n_paper"] <= s0["n_solves"]
+    assert s1["outages"] == [{"segment": 24, "duration_days": 1.0}] and s1["mapping"] == "reference"
+    assert body["best_delta_v_km_s"] == min(s["best_delta_v_km_s"] for s in body["searches"])
+    assert client.get(f"{API}/campaigns").json()["items"][0]["n_solves"] == body["n_solves"]
+
+
+def test_pages_of_solutions_join_to_the_whole_in_order(client, finished):
+    found, after = [], None
+    while True:
+        parameters = {"limit": 2} | ({"after": after} if after else {})
+        page = client.get(f"{API}/solutions", params=parameters).json()
+        found += page["items"]
+        if (after := page["next"]) is None:
+            break
+    masses = [record["objective_kg"] for record in found]
+    assert masses == sorted(masses, reverse=True)
+    assert len({record["id"] for record in found}) == len(found) == finished.campaign(1).n_solutions
+
+
+def test_filters_restrict(client, finished):
+    def n(**parameters):
+        return len(client.get(f"{API}/solutions", params=parameters).json()["items"])
+
+    assert n(search="s0") + n(search="s1-0") == n() == n(campaign=1)
+    assert n(strict=True) + n(strict=False) == n() and n(campaign=2) == 0
+
+
+def test_a_record_has_every_field_that_the_archive_promises(client, finished):
+    listed = client.get(f"{API}/solutions", params={"search": "s1-0"}).json()["items"][0]
+    record = client.get(f"{API}/solutions/{listed['id']}").json()
+    assert {name: record[name] for name in listed} == listed
+    assert len(record["x"]) == 154 and all(isinstance(value, float) for value in record["x"])
+    assert len(record["defects_verified"]) == len(record["defects_solved"]) == 2
+    assert record["seed_id"] and record["rng_key"].startswith("7/1/1/0/")
+    assert record["package_versions"] and record["kernel_hashes"] and record["host"]
+
+
+def test_a_lineage_leads_to_the_seed(client, finished):
+    child = client.get(f"{API}/solutions", params={"search": "s1-0"}).json()["items"][0]
+    body = client.get(f"{API}/solutions/{child['id']}/lineage").json()
+    assert [node["id"] for node in body["nodes"]] == [child["id"], child["seed_id"]]
+    assert body["edges"] == [
+        {"seed_id": child["seed_id"], "solution_id": child["id"], "mapping": "reference"}
+    ]
+
+
+def test_problems_and_jobs_are_listed(client, finished):
+    problems = client.get(f"{API}/problems").json()["items"]
+    assert [problem["k"] for problem in problems] == [0, 1]
+    view = client.get(f"{API}/problems/{problems[1]['hash']}").json()
+    assert view["definition"]["outages"] == [{"segment": 24, "duration_days": 1.0}]
+    jobs = client.get(f"{API}/jobs", params={"search": "s0", "limit": 3}).json()
+    assert [job["kind"] for job in jobs["items"]] == ["hop"] * 3
+    rest = client.get(f"{API}/jobs", params={"search": "s0", "after": jobs["next"]}).json()
+    assert len(rest["items"]) == 1 and rest["next"] is None
+
+
+def test_events_are_numbered_and_can_be_resumed(client, finished):
+    everything = client.get(f"{API}/events", params={"campaign": 1}).json()["items"]
+    ids = [event["id"] for event in everything]
+    assert ids == sorted(set(ids)) and everything[-1]["data"] == {"state": "done"}
+    assert {event["kind"] for event in everything} == {"job", "solution", "search", "campaign"}
+    later = client.get(f"{API}/events", params={"after": ids[4]}).json()["items"]
+    assert later == everything[5:]
+
+
+def test_a_stream_carries_the_same_events_and_resumes_after_the_last_id(client, finished):
+    client.app.state.is_closing = OnceOpen()
+    headers = {"Last-Event-ID": "3"}
+    answer = client.get(f"{API}/campaigns/1/events", headers=headers)
+    assert answer.headers["content-type"].startswith("text/event-stream")
+    events = [json.loads(line[6:]) for line in answer.text.splitlines() if line.startswith("data: ")]
+    assert events == client.get(f"{API}/events", params={"after": 3, "campaign": 1}).json()["items"]
+    assert "id: 4" in answer.text.splitlines()
+
+
+def test_a_stream_without_a_place_begins_with_the_latest_event(client, finished):
+    client.app.state.is_closing = OnceOpen()
+    answer = client.get(f"{API}/campaigns/1/events")
+    events = [json.loads(line[6:]) for line in answer.text.splitlines() if line.startswith("data: ")]
+    assert [event["data"] for event in events] == [{"state": "done"}]
+
+
+class OnceOpen:
+    """Lets a stream look for events once, then ends it."""
+
+    def __init__(self):
+        self.n_calls = 0
+
+    def __call__(self):
+        self.n_calls += 1
+        return self.n_calls > 1
+
+
+@pytest.mark.parametrize(
+    ("path", "status"),
+    [
+        ("/campaigns/99", 404),
+        ("/campaigns/99/events", 404),
+        ("/campaigns/nine", 422),
+        ("/campaigns/99999999999999999999", 422),
+        (f"/solutions/{'0' * 32}", 404),
+        (f"/solutions/{'0' * 32}/lineage", 404),
+        (f"/solutions/{'0' * 32}/trajectory", 404),
+        ("/solutions/..%2f..%2fetc", 404),
+        ("/solutions/xyz", 422),
+        ("/solutions?limit=1000", 422),
+        ("/solutions?after=nonsense", 422),
+        (f"/problems/{'0' * 32}", 404),
+        ("/jobs?state=asleep", 422),
+        ("/nothing", 404),
+    ],
+)
+def test_a_wrong_request_is_refused_as_a_problem(client, path, status):
+    answer = client.get(API + path)
+    assert answer.status_code == status
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert answer.json()["status"] == status and answer.json()["detail"]
+
+
+@pytest.mark.parametrize(
+    "body", [b"", b"{", b"[]", b"7", b'{"campaign": 1}', json.dumps(spec_fields(guesses=0)).encode()]
+)
+def test_a_wrong_specification_is_refused_as_a_problem(client, body, store):
+    answer = client.post(f"{API}/campaigns", content=body, headers={"content-type": "application/json"})
+    assert answer.status_code == 422 and answer.headers["content-type"] == "application/problem+json"
+    assert store.campaigns() == []
+
+
+def test_numbers_that_are_not_finite_are_refused(client, store):
+    body = json.dumps(spec_fields()).replace('"guesses": 8', '"core_seconds": NaN')
+    answer = client.post(f"{API}/campaigns", content=body, headers={"content-type": "application/json"})
+    assert answer.status_code == 422 and store.campaigns() == []
+
+
+def test_no_path_from_a_client_is_opened(client):
+    target = {"kind": "spk", "path": "/etc/passwd", "naif_id": -7}
+    answer = client.post(
+        f"{API}/campaigns", json=spec_fields(problem={"preset": "ppe-drm3", "target": target})
+    )
+    assert answer.status_code == 422 and "without a file" in answer.json()["detail"]
+
+
+def test_a_bug_is_a_500_without_details(client, store, monkeypatch):
+    def broken():
+        raise ZeroDivisionError("secret")
+
+    monkeypatch.setattr(store, "campaigns", broken)
+    answer = client.get(f"{API}/campaigns")
+    assert answer.status_code == 500 and "secret" not in answer.text
+    assert answer.headers["content-type"] == "application/problem+json"
+
+
+def test_health_and_readiness(client):
+    assert client.get("/healthz").json()["status"] == "ok"
+    assert client.get("/readyz").json() == {"status": "ok", "checks": {"archive": "ok", "kernels": "ok"}}
+
+
+def test_every_route_is_in_the_document_with_a_summary(client):
+    paths = client.get(f"{API}/openapi.json").json()["paths"]
+    assert f"{API}/campaigns/{{campaign_id}}/events" in paths
+    assert all(operation["summary"] for path in paths.values() for operation in path.values())
