@@ -1,0 +1,54 @@
+"""What `coastarc run` and `coastarc serve` do while they wait."""
+
+import time
+
+from rich.console import Console
+from rich.live import Live
+
+from service import report
+from service.coordinator import Coordinator
+from workers.process_pool import ProcessPool
+
+#: How often the terminal is drawn again, and a log gets a line [s].
+TERMINAL_PERIOD_S = 0.5
+LOG_PERIOD_S = 20.0
+
+
+def watch_campaign(console: Console, coordinator: Coordinator, campaign_id: int, n_workers: int) -> bool:
+    """Work on a campaign and show how far it is; return whether it finished, and was not interrupted."""
+    store = coordinator.store
+    if store.campaign(campaign_id).state == "done":
+        return True
+    try:
+        coordinator.work(ProcessPool(n_workers), campaign_id)
+        _follow(console, coordinator, campaign_id)
+    except KeyboardInterrupt:
+        console.print("Stopping; running solves hand in what they have ...")
+        return False
+    return True
+
+
+def _follow(console: Console, coordinator: Coordinator, campaign_id: int) -> None:
+    view = coordinator.store.campaign(campaign_id)
+    next_line = time.monotonic() + LOG_PERIOD_S
+    with Live(report.progress(view), console=console, transient=True, auto_refresh=False) as live:
+        while view.state == "active":
+            time.sleep(TERMINAL_PERIOD_S)
+            coordinator.raise_fault()
+            view = coordinator.store.campaign(campaign_id)
+            if console.is_terminal:
+                live.update(report.progress(view), refresh=True)
+            elif time.monotonic() > next_line:
+                next_line += LOG_PERIOD_S
+                console.print(report.progress_line(view), highlight=False)
+
+
+def serve_until_interrupted(coordinator: Coordinator, n_workers: int) -> None:
+    """Work on all campaigns until Ctrl-C."""
+    try:
+        coordinator.work(ProcessPool(n_workers))
+        while True:
+            time.sleep(TERMINAL_PERIOD_S)
+            coordinator.raise_fault()
+    except KeyboardInterrupt:
+        return

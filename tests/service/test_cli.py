@@ -1,0 +1,201 @@
+import json
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import httpx
+import pytest
+
+from service import cli, cli_run
+from service.coordinator import Coordinator
+from service.db.engine import DatabaseError
+from service.spec import spec_from
+from service.store import Store
+from tests.service.campaigns import content, finish, spec_fields, submitted
+from workers.process_pool import ProcessPool
+
+
+@pytest.fixture
+def coastarc(tmp_path, monkeypatch, capsys):
+    """Return a function that runs a command in this process: (exit code, stdout, stderr)."""
+    monkeypatch.setattr(cli_run, "ProcessPool", lambda n: ProcessPool(n, "tests.workers.fake:run_fake"))
+    monkeypatch.setattr(cli.console, "_force_terminal", False)
+    monkeypatch.setattr(cli.console, "_width", 200)
+
+    def call(*arguments, data=tmp_path):
+        words = [str(word) for word in arguments]
+        monkeypatch.setattr(sys, "argv", ["coastarc", *words, *(["--data", str(data)] if data else [])])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        return end.value.code or 0, *capsys.readouterr()
+
+    return call
+
+
+@pytest.fixture
+def spec_file(tmp_path):
+    path = tmp_path / "spec.json"
+    path.write_text(json.dumps(spec_fields()))
+    return path
+
+
+def start(tmp_path, *arguments, runner="run_fake"):
+    command = [sys.executable, "-m", "tests.service.fake_coastarc", runner, *map(str, arguments)]
+    return subprocess.Popen(
+        [*command, "--data", str(tmp_path)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
+
+
+def wait_for(condition, seconds=20.0):
+    deadline = time.monotonic() + seconds
+    while not (found := condition()):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    return found
+
+
+def n_running(folder):
+    try:
+        with Store(folder, read_only=True) as store:
+            return len(store.jobs(None, None, "running", 10).items)
+    except DatabaseError:
+        return 0  # Not created yet.
+
+
+def test_run_says_where_the_page_is_and_ends_with_a_summary(coastarc, spec_file):
+    code, printed, _ = coastarc("run", spec_file, "--workers", 2)
+    assert code == 0 and re.match(r"Live page: http://127\.0\.0\.1:\d+\n", printed)
+    assert "test: done" in printed and re.search(r"S\(1\|0\).*100\.0 % \(\d+\.\d-100\.0\)", printed)
+
+
+def test_a_finished_campaign_run_again_prints_its_summary_and_does_nothing(coastarc, spec_file, tmp_path):
+    coastarc("run", spec_file)
+    with Store(tmp_path, read_only=True) as store:
+        before = store.last_event_id(1)
+        code, printed, _ = coastarc("run", spec_file)
+        assert code == 0 and "test: done" in printed and store.last_event_id(1) == before
+
+
+def test_solutions_are_listed_with_all_their_fields_as_json(coastarc, spec_file, tmp_path):
+    coastarc("run", spec_file)
+    _, printed, _ = coastarc("solutions", "list", "--json", "--search", "s1-0")
+    records = json.loads(printed)
+    promised = (
+        "problem_hash x objective_kg delta_v_km_s time_of_flight_days defects_solved defects_verified "
+        "paper strict status n_iterations cpu_seconds wall_seconds rng_key seed_id mapping code_version "
+        "package_versions kernel_hashes host"
+    )
+    assert records and set(promised.split()) <= set(records[0])
+    _, shown, _ = coastarc("solutions", "show", records[0]["id"][:8], "--json")
+    assert json.loads(shown) == records[0]
+
+
+def test_tables_for_people(coastarc, spec_file):
+    coastarc("run", spec_file)
+    assert "S(1|0)" in coastarc("solutions", "list")[1]
+    assert "done" in coastarc("status")[1] and "s1-0" in coastarc("status", "--campaign", 1)[1]
+    assert json.loads(coastarc("status", "--json")[1])[0]["state"] == "done"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (("run", "nowhere.toml"), "spec: expected a readable .toml or .json file, got nowhere.toml"),
+        (("solutions", "list"), "archive: expected a file"),
+        (("status",), "run a campaign first"),
+    ],
+)
+def test_an_error_is_one_line_and_exit_code_2(coastarc, arguments, reason):
+    code, _, printed = coastarc(*arguments)
+    assert code == 2 and reason in printed and printed.count("\n") == 1
+
+
+def test_a_bind_to_the_world_is_refused(coastarc, spec_file):
+    code, _, printed = coastarc("run", spec_file, "--host", "0.0.0.0")
+    assert code == 2 and "host: expected a loopback address such as 127.0.0.1, got 0.0.0.0" in printed
+
+
+def test_an_unknown_solution_is_an_error(coastarc, spec_file):
+    coastarc("run", spec_file)
+    code, _, printed = coastarc("solutions", "show", "zzz")
+    assert code == 2 and "solution zzz: expected one that exists" in printed
+
+
+def test_two_coordinators_do_not_share_a_folder(coastarc, spec_file, tmp_path):
+    with Coordinator(tmp_path):
+        code, _, printed = coastarc("run", spec_file)
+    assert code == 2 and "in use by process" in printed
+
+
+def test_submitting_needs_a_coordinator(coastarc, spec_file, tmp_path):
+    code, _, printed = coastarc("submit", spec_file, "--url", "http://127.0.0.1:9", data=None)
+    assert code == 2 and "start one with `coastarc serve`" in printed
+    with Coordinator(tmp_path / "data") as coordinator:
+        code, printed, _ = coastarc("submit", spec_file, "--url", coordinator.url, data=None)
+        assert code == 0 and "Campaign 1 (test) submitted" in printed
+        assert coordinator.store.campaign(1).state == "active"
+
+
+def test_doctor_finds_a_working_installation(coastarc):
+    code, printed, _ = coastarc("doctor", "--port", 0, "--json")
+    checks = {check["name"]: check["state"] for check in json.loads(printed)}
+    assert code == 0 and set(checks) >= {
+        "python",
+        "kernels",
+        "solver",
+        "numba cache",
+        "threads",
+        "disk",
+        "port",
+    }
+    assert checks["kernels"] == checks["solver"] == checks["threads"] == "ok"
+
+
+def test_an_interrupted_run_stops_cleanly_and_goes_on_to_the_same_end(tmp_path, spec_file):
+    with Store(tmp_path) as undisturbed:
+        submitted(undisturbed)
+        finish(undisturbed)
+        expected = content(undisturbed)
+    folder = tmp_path / "interrupted"
+    folder.mkdir()
+    process = start(folder, "run", spec_file, runner="run_until_stopped")
+    wait_for(lambda: n_running(folder) > 0)
+    process.send_signal(signal.SIGINT)
+    printed, _ = process.communicate(timeout=20)
+    assert process.returncode == 130 and "every result is kept" in printed and "Traceback" not in printed
+    process = start(folder, "run", spec_file)
+    printed, _ = process.communicate(timeout=30)
+    assert process.returncode == 0 and "Going on with campaign 1" in printed
+    with Store(folder, read_only=True) as store:
+        assert content(store) == expected
+
+
+def test_a_killed_run_leaves_no_process_and_goes_on(tmp_path, spec_file):
+    process = start(tmp_path, "run", spec_file, "--workers", "2", runner="run_until_stopped")
+    wait_for(lambda: n_running(tmp_path) == 2)
+    process.kill()
+    # The children hold the other end of this pipe until they are gone too.
+    process.communicate(timeout=20)
+    process = start(tmp_path, "run", spec_file)
+    printed, _ = process.communicate(timeout=30)
+    assert process.returncode == 0 and "test: done" in printed
+
+
+def test_serve_works_on_what_is_submitted_and_stops_with_a_reader_connected(tmp_path, spec_file):
+    process = start(tmp_path, "serve", "--port", "0")
+    url = re.search(r"http\S+", process.stdout.readline())[0]
+    assert httpx.post(f"{url}/api/v1/campaigns", json=spec_fields()).status_code == 201
+    wait_for(lambda: httpx.get(f"{url}/api/v1/campaigns/1").json()["state"] == "done")
+    with httpx.stream("GET", f"{url}/api/v1/campaigns/1/events") as stream:
+        next(stream.iter_lines())
+        begin = time.monotonic()
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(timeout=10) == 0 and time.monotonic() - begin < 5
+    process.stdout.close()
+
+
+def test_a_specification_that_is_submitted_as_plain_data_is_the_same_campaign():
+    spec = spec_from(spec_fields())
+    assert spec_from(spec.as_fields()).hash == spec.hash
