@@ -2,3 +2,8 @@
 
 `spiral` resolves the departure, `halo` and `nrho` make the near-rectilinear halo orbit, `target` hands it on.
 """
+
+from core.orbits.spiral import DepartureState, SpiralError, departure_state
+from core.orbits.target import target_kernel, target_table
+
+__all__ = ["DepartureState", "SpiralError", "departure_state", "target_kernel", "target_table"]

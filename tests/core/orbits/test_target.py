@@ -77,9 +77,9 @@ def test_nrho_is_ballistic_under_spice_and_scipy(kernel):
         ends = DEPARTURE_ET + np.array([start, start + 6.5]) * SECONDS_PER_DAY
         begin, expected = (spiceypy.spkgeo(naif_id, et, "J2000", 399)[0] for et in ends)
         end = solve_ivp(rates, ends, begin, method="DOP853", rtol=1e-13, atol=1e-10).y[:, -1]
-        # The tables' Moon is 2e-7 km off, epochs 1e-7 s; a perilune on the way magnifies both 1e4 times.
-        assert np.linalg.norm(end[:3] - expected[:3]) < 0.02
-        assert np.linalg.norm(end[3:] - expected[3:]) < 2e-7
+        # The tables' Moon is 2e-7 km off, epochs 1e-7 s; a perilune on the way magnifies both 5e3 times.
+        assert np.linalg.norm(end[:3] - expected[:3]) < 2e-3
+        assert np.linalg.norm(end[3:] - expected[3:]) < 2e-8
 
 
 def test_table_and_kernel_agree(kernel):
