@@ -42,23 +42,7 @@ def add_solve(
 ) -> None:
     """Store a solve and what it found, unless an earlier attempt had handed in the same hop."""
     solution_id = _add_solution(session, search, record, now)
-    certificate = record.certificate
-    is_new = insert_new(
-        session,
-        SolveRow,
-        {name: getattr(record, name) for name in COPIED}
-        | {
-            "job_id": job.id,
-            "search_id": search.id,
-            "attempt": job.attempt,
-            "ending": record.ending.value,
-            "paper": certificate is not None and certificate.paper,
-            "strict": certificate is not None and certificate.strict,
-            "defects": _flat(record.defects),
-            "solution_id": solution_id,
-            "created_at": now,
-        },
-    )
+    is_new = insert_new(session, SolveRow, _solve_values(job, record, solution_id, now))
     if solution_id is None or not is_new:
         return
     _announce(session, campaign, search, solution_id, now)
@@ -66,8 +50,23 @@ def add_solve(
         mapping = search_spec(campaign, search).mapping
         link = {"solution_id": solution_id, "seed_id": job.seed_id, "mapping": mapping}
         insert_new(session, SeedLinkRow, link)
-    if certificate is not None and certificate.strict:
+    if record.certificate is not None and record.certificate.strict:
         _plan_seeded(session, campaign, search, solution_id, now)
+
+
+def _solve_values(job: JobRow, record: SolveRecord, solution_id: str | None, now: float) -> dict[str, Any]:
+    certificate = record.certificate
+    return {name: getattr(record, name) for name in COPIED} | {
+        "job_id": job.id,
+        "search_id": job.search_id,
+        "attempt": job.attempt,
+        "ending": record.ending.value,
+        "paper": certificate is not None and certificate.paper,
+        "strict": certificate is not None and certificate.strict,
+        "defects": _flat(record.defects),
+        "solution_id": solution_id,
+        "created_at": now,
+    }
 
 
 def _add_solution(session: Session, search: SearchRow, record: SolveRecord, now: float) -> str | None:

@@ -2,7 +2,7 @@
 
 from typing import Any, cast
 
-from sqlalchemy import Row, func, select
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from service.api.schemas import CampaignItem, CampaignView, JobCounts, OutageView, SearchState, SearchView
@@ -77,8 +77,6 @@ def _search(session: Session, campaign: CampaignRow, row: SearchRow) -> SearchVi
     endings = (
         select(SolveRow.ending, func.count()).where(SolveRow.search_id == row.id).group_by(SolveRow.ending)
     )
-    totals = _totals(session, row.id)
-    best = _best(session, row.id)
     return SearchView(
         id=row.id,
         name=row.name,
@@ -91,32 +89,25 @@ def _search(session: Session, campaign: CampaignRow, row: SearchRow) -> SearchVi
         seeds_from=spec.seeds.source if spec.seeds else None,
         jobs=JobCounts(**counts),
         n_guesses_planned=plan.n_planned(spec, sum(counts.values())),
-        n_solves=totals.n_solves,
-        n_paper=totals.n_paper,
-        n_strict=totals.n_strict,
-        n_solutions=totals.n_solutions,
         endings=counted(session, endings),
-        cpu_seconds=totals.cpu_seconds or 0.0,
-        best_solution_id=best.id if best else None,
-        best_delta_v_km_s=best.delta_v_km_s if best else None,
-        best_propellant_kg=best.propellant_kg if best else None,
-        best_final_mass_kg=best.objective_kg if best else None,
+        **_totals(session, row.id),
+        **_best(session, row.id),
     )
 
 
-def _totals(session: Session, search_id: int) -> Row[int, int, int, int, float]:
+def _totals(session: Session, search_id: int) -> dict[str, Any]:
     query = select(
         func.count(SolveRow.id).label("n_solves"),
         func.count(SolveRow.id).filter(SolveRow.paper).label("n_paper"),
         func.count(SolveRow.id).filter(SolveRow.strict).label("n_strict"),
         func.count(SolveRow.solution_id.distinct()).label("n_solutions"),
-        func.sum(SolveRow.cpu_seconds).label("cpu_seconds"),
+        func.coalesce(func.sum(SolveRow.cpu_seconds), 0.0).label("cpu_seconds"),
     ).where(SolveRow.search_id == search_id)
-    return session.execute(query).one()
+    return dict(session.execute(query).one()._mapping)
 
 
-def _best(session: Session, search_id: int) -> SolutionRow | None:
-    """Return the strict solution with the most final mass."""
+def _best(session: Session, search_id: int) -> dict[str, Any]:
+    """Return the strict solution with the most final mass, in the names of a search's view."""
     query = (
         select(SolutionRow)
         .join(SolveRow, SolveRow.solution_id == SolutionRow.id)
@@ -124,7 +115,13 @@ def _best(session: Session, search_id: int) -> SolutionRow | None:
         .order_by(SolutionRow.objective_kg.desc(), SolutionRow.id)
         .limit(1)
     )
-    return session.scalar(query)
+    best = session.scalar(query)
+    return {
+        "best_solution_id": best and best.id,
+        "best_delta_v_km_s": best and best.delta_v_km_s,
+        "best_propellant_kg": best and best.propellant_kg,
+        "best_final_mass_kg": best and best.objective_kg,
+    }
 
 
 def _rate_per_min(session: Session, campaign: CampaignRow, now: float) -> float:
