@@ -39,7 +39,7 @@ def _details(verification: Verification) -> dict[str, Any]:
 def trajectory(problem: Problem, x: NDArray[np.float64], verification: Verification) -> Trajectory:
     """Return the reference's masses, times and delta-v; the first three of x are T_s, T_i, T_f."""
     shooting, initial_coast, final_coast = (float(value) for value in x[:3])
-    departure_mass = float(departure_state(problem)[1][6])
+    departure_mass = departure_state(problem.departure, problem.spacecraft).mass_kg
     final_mass = float(verification.final_mass_kg[0])
     arrival_et = float(verification.arrival_et[0])
     return Trajectory(

@@ -1,0 +1,152 @@
+"""From a job to its outcome, with numerics that are told what to find."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from core.nlp import ExitStatus, Outcome
+from tests.workers.jobs import hop_job
+from workers import run
+from workers.job import Address, Ending, MapJob
+
+GOOD, WEAK, BAD = 1e-3, 0.5, 1e4  # position defects [km]: strict, paper, neither
+
+
+def outcome(status, defect_km):
+    defects = np.zeros((1, 7))
+    defects[0, 0] = defect_km
+    x = np.concatenate([[40.0, 1.0, 2.0], np.full(150, 0.5), [12_900.0]])
+    return Outcome(status, x, 12_900.0, defect_km / 0.1, defects, 7, 9, 0.1)
+
+
+class Numerics:
+    """Stands for core: returns outcomes from a list, and remembers what it was given."""
+
+    def __init__(self, monkeypatch, outcomes, verdict=(True, True)):
+        self.outcomes = list(outcomes)
+        self.told, self.settings, self.n_verified = [], [], 0
+        self.verdict = verdict
+        monkeypatch.setattr(run, "prepared", lambda definition, n_legs: (run.problem_from(definition), None))
+        monkeypatch.setattr(run, "Chain", lambda *laws: self)
+        monkeypatch.setattr(run.core, "solve", self.solve, raising=False)
+        monkeypatch.setattr(run, "solve_seed", self.solve_seed)
+        monkeypatch.setattr(run.core, "verify", self.verify, raising=False)
+        monkeypatch.setattr(run, "trajectory", lambda *_: None)
+        monkeypatch.setattr(run, "certificate", lambda *_: None)
+
+    def ask(self, rng):
+        return rng.random(3)
+
+    def tell(self, guess, found):
+        self.told.append((guess.tolist(), found.status))
+        return "accepted"
+
+    def solve(self, transcription, guess, settings, stop):
+        self.settings.append(settings)
+        found = self.outcomes.pop(0)
+        if isinstance(found, Exception):
+            raise found
+        return found
+
+    def solve_seed(self, problem, x, other, mapping, settings, stop):
+        return self.solve(None, x, settings, stop)
+
+    def verify(self, problem, x):
+        self.n_verified += 1
+        return SimpleNamespace(paper=self.verdict[0], strict=self.verdict[1])
+
+
+SOLVED = outcome(ExitStatus.OPTIMAL, GOOD)
+STALLED = outcome(ExitStatus.STALLED, BAD)
+
+
+def test_every_hop_is_a_record_feasible_or_not(monkeypatch):
+    Numerics(monkeypatch, [STALLED, SOLVED, outcome(ExitStatus.TIMEOUT, BAD)])
+    found = run.run_job(hop_job(chain=4, n_hops=3))
+    assert found.ending is Ending.FEASIBLE
+    assert [solve.ending for solve in found.solves] == [Ending.INFEASIBLE, Ending.FEASIBLE, Ending.TIMEOUT]
+    assert [solve.rng_key for solve in found.solves] == [f"2026/0/0/0/4/{hop}" for hop in range(3)]
+    assert [solve.x is None for solve in found.solves] == [True, False, True]
+    assert found.solves[0].defects[0][0] == BAD and found.solves[0].status == "STALLED"
+
+
+def test_hops_draw_from_their_address_alone(monkeypatch):
+    numerics = Numerics(monkeypatch, [STALLED] * 4)
+    run.run_job(hop_job(chain=1, n_hops=2))
+    run.run_job(hop_job(chain=1, n_hops=2))
+    first, second, *again = [guess for guess, _ in numerics.told]
+    assert first != second and again == [first, second]
+
+
+def test_a_solve_at_the_papers_tolerance_is_verified_too(monkeypatch):
+    numerics = Numerics(monkeypatch, [outcome(ExitStatus.STALLED, WEAK), STALLED], verdict=(True, False))
+    found = run.run_job(hop_job(n_hops=2))
+    assert numerics.n_verified == 1
+    assert not found.solves[0].is_feasible and found.solves[0].x is not None
+
+
+def test_what_the_verifier_refuses_is_no_solution(monkeypatch):
+    Numerics(monkeypatch, [SOLVED], verdict=(False, False))
+    (solve,) = run.run_job(hop_job()).solves
+    assert solve.is_feasible and solve.ending is Ending.INFEASIBLE and solve.x is None
+
+
+def test_a_defect_that_is_not_finite_is_a_numerical_ending(monkeypatch):
+    Numerics(monkeypatch, [outcome(ExitStatus.NOT_FINITE, float("nan"))])
+    found = run.run_job(hop_job())
+    assert found.ending is Ending.NUMERICAL
+    assert found.solves[0].defects[0][:2] == (None, 0.0) and found.solves[0].violation is None
+
+
+def test_a_bug_of_ours_is_an_error_with_a_traceback_and_keeps_what_was_done(monkeypatch):
+    Numerics(monkeypatch, [STALLED, ZeroDivisionError("oh")])
+    found = run.run_job(hop_job(n_hops=3))
+    assert found.ending is Ending.ERROR and len(found.solves) == 1
+    assert found.error.splitlines()[-1] == "ZeroDivisionError: oh" and "run.py" in found.error
+
+
+def test_a_solve_that_was_stopped_is_no_guess(monkeypatch):
+    numerics = Numerics(monkeypatch, [STALLED, STALLED, STALLED])
+    found = run.run_job(hop_job(n_hops=3), stop=lambda: len(numerics.settings) == 2)
+    assert found.ending is Ending.CANCELLED and len(found.solves) == 1
+
+
+def test_a_map_job_solves_its_seed_once(monkeypatch):
+    Numerics(monkeypatch, [SOLVED])
+    problem = hop_job().problem
+    job = MapJob(
+        problem=problem,
+        rng_seed=3,
+        address=Address(search=1, chain=255),
+        seed_id=f"{255:032x}",
+        seed_problem=problem,
+        seed_x=(1.0, 2.0),
+        mapping="reference",
+    )
+    (solve,) = run.run_job(job).solves
+    assert solve.rng_key == "3/1/1/0/255/0" and solve.move is None and solve.ending is Ending.FEASIBLE
+
+
+def test_caps_reach_the_solver_and_what_is_open_keeps_the_default(monkeypatch):
+    numerics = Numerics(monkeypatch, [STALLED, STALLED])
+    run.run_job(hop_job())
+    run.run_job(hop_job(settings={"cpu_seconds": 2.0}))
+    first, second = numerics.settings
+    assert (first.cpu_seconds, first.max_iterations) == (5.0, 3)
+    assert second.cpu_seconds == 2.0 and second.max_iterations > 3
+
+
+def test_the_wall_clock_stops_a_solve_that_gets_no_processor(monkeypatch):
+    monkeypatch.setattr(run, "WALL_MARGIN_S", -1e6)
+    stops = []
+    numerics = Numerics(monkeypatch, [outcome(ExitStatus.STOPPED, BAD)])
+    monkeypatch.setattr(run.core, "solve", lambda *a: (stops.append(a[3]()), numerics.solve(*a))[1])
+    found = run.run_job(hop_job())
+    assert stops == [True] and found.solves[0].ending is Ending.TIMEOUT
+
+
+@pytest.mark.parametrize("status", list(ExitStatus))
+def test_every_status_of_the_solver_has_an_ending(monkeypatch, status):
+    Numerics(monkeypatch, [outcome(status, BAD)])
+    assert run.run_job(hop_job()).ending in (Ending.INFEASIBLE, Ending.NUMERICAL, Ending.TIMEOUT)
