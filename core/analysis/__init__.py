@@ -1,0 +1,1 @@
+"""What a trajectory is worth: independent verification, metrics, and samples for pictures."""

@@ -1,0 +1,145 @@
+from math import isnan
+
+import numpy as np
+import pytest
+
+from core.analysis import verify as judge
+from core.analysis.verify import holds, verify
+from core.tolerances import PAPER, STRICT
+from tests.core.analysis import by_hand
+from tests.core.analysis.by_hand import START, Arc, fly, problem_with, vector, write_target
+
+SEGMENTS = [
+    Arc(1.5, 0.9, 0.3, 0.1),
+    Arc(1.5, 0.0, 0.7, 0.2),
+    Arc(1.5, 0.6, -1.2, 0.4),
+    Arc(1.5, 1.0, 2.5, -0.3),
+    Arc(1.5, 0.4, -2.9, -0.6),
+    Arc(1.5, 0.8, 1.1, 0.5),
+]
+#: Recoveries after outages of 0.5 days at segments 2 (in the forward half) and 5 (in the backward half).
+EARLY = [Arc(1.2, 0.7, 1.9, 0.2), Arc(1.2, 0.3, -0.4, 0.1), Arc(1.2, 1.0, 0.6, -0.8), Arc(1.2, 0.5, 3.0, 0.3)]
+LATE = [Arc(1.0, 0.9, -2.0, 0.7)]
+
+
+@pytest.fixture(autouse=True)
+def any_coverage(monkeypatch):
+    """Take targets that cover the arrivals alone; users' kernels must cover every arrival that x may have."""
+    monkeypatch.setattr(judge, "target_kernel", lambda problem: (problem.target.path, problem.target.naif_id))
+
+
+@pytest.fixture(scope="module")
+def transfer(tmp_path_factory):
+    """A P_2 and its exact x: initial coasts 2, 0.25 and 0 days, final coasts 0.5, 0.25 and 0.75 days."""
+    path = tmp_path_factory.mktemp("spk") / "by_hand.bsp"
+    reference, epochs = fly(0.0, START, [Arc(2.0), *SEGMENTS, Arc(0.5)])
+    early, early_epochs = fly(epochs[2], reference[2], [Arc(0.5), Arc(0.25), *EARLY, Arc(0.25)])
+    late, late_epochs = fly(epochs[5], reference[5], [Arc(0.5), *LATE, Arc(0.75)])
+    ends = [(epochs[-1], reference[-1]), (early_epochs[-1], early[-1]), (late_epochs[-1], late[-1])]
+    write_target(path, ends)
+    x = np.concatenate(
+        [
+            vector(9.0, 2.0, 0.5, SEGMENTS, reference[-1][6]),
+            vector(4.8, 0.25, 0.25, EARLY, early[-1][6]),
+            vector(1.0, 0.0, 0.75, LATE, late[-1][6]),
+        ]
+    )
+    return problem_with(path, 6, [(2, 0.5), (5, 0.5)]), x
+
+
+def test_a_transfer_flown_by_hand_has_no_defects(transfer):
+    found = verify(*transfer)
+    # LSODA's global error over 12 days rules: metres, a tenth of the strict tolerance.
+    assert found.position_km == pytest.approx(np.zeros(3), abs=1e-2)
+    assert found.velocity_km_s == pytest.approx(np.zeros(3), abs=1e-6)
+    assert found.mass_kg == pytest.approx(np.zeros(3), abs=1e-6)
+    assert found.strict and found.paper and found.failure == ""
+
+
+def test_insertion_is_on_the_target_at_the_epoch_that_x_says(transfer):
+    found = verify(*transfer)
+    assert found.target_error[:, 0] == pytest.approx(np.zeros(3), abs=1e-2)  # as above
+    days = (found.arrival_et - by_hand.ORIGIN_ET) / 86400
+    assert days == pytest.approx([11.5, 3.5 + 0.5 + 0.25 + 4.8 + 0.25, 8.0 + 0.5 + 1.0 + 0.75], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("index", "change"),
+    [(0, 1e-3), (1, 1e-3), (3, 1e-4), (4, 1e-3), (20, 1e-3), (22, 1e-3), (26, 1e-3), (37, 2e-2), (39, 1e-3)],
+)
+def test_any_changed_time_or_control_breaks_the_strict_verdict(transfer, index, change):
+    problem, x = transfer
+    x = x.copy()
+    x[index] += change
+    assert not verify(problem, x).strict
+
+
+def test_final_coasts_slide_along_a_ballistic_target(transfer):
+    problem, x = transfer
+    x = x.copy()
+    x[[2, 24, 40]] += 0.01  # the coast grows backwards and the arrival forwards alike
+    assert verify(problem, x).strict
+
+
+def test_mass_defects_are_the_closed_form_forward_minus_backward(transfer):
+    problem, x = transfer
+    x = x.copy()
+    x[21] -= 0.05
+    found = verify(problem, x)
+    # The late realization starts from the backward half, so it inherits the lighter reference.
+    assert found.defects[:, 6] == pytest.approx([0.05, 0.0, -0.05], abs=1e-6)  # LSODA's mass
+    assert found.paper and not found.strict
+
+
+def test_a_vector_outside_its_bounds_is_not_feasible(transfer):
+    problem, x = transfer
+    narrow = {"bounds": {"shooting_days": [1e-3, 8.9]}}
+    path = problem.target.path
+    found = verify(problem_with(path, 6, [(2, 0.5), (5, 0.5)], **narrow), x)
+    assert holds(found.defects, STRICT)
+    assert not (found.is_within_bounds or found.strict or found.paper)
+
+
+def test_the_norm_of_each_part_is_judged_for_every_trajectory():
+    good, bad = np.zeros(7), np.array([0.6, 0.6, 0.6, 0, 0, 0, 0])
+    assert holds(np.array([good, good]), STRICT)
+    assert not holds(np.array([good, bad]), PAPER)  # |bad| = 1.04 km although no component passes 1 km
+    assert not holds(np.array([good, good * np.nan]), PAPER)
+
+
+def test_a_flight_into_the_earth_is_a_verdict_and_no_exception(transfer):
+    problem, x = transfer
+    falling = {"position_km": [30000.0, 0, 0], "velocity_km_s": [0.01, 0.0, 0.0]}
+    departure = problem.departure.model_dump() | falling
+    found = verify(problem_with(problem.target.path, 6, [(2, 0.5), (5, 0.5)], departure=departure), x)
+    assert not (found.strict or found.paper)
+    assert np.isnan(found.defects).any(axis=1).tolist() == [True, True, False]
+    assert "reference meets the Earth" in found.failure and "realization 1 starts from" in found.failure
+
+
+def test_an_arrival_outside_the_target_is_a_verdict_too(transfer):
+    problem, x = transfer
+    x = x.copy()
+    x[1] += 20.0
+    found = verify(problem, x)
+    assert isnan(found.position_km[0]) and "reference target: no ephemeris" in found.failure
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda x: x[:-1], r"expected shape \(45,\) for 6 segments and 2 outages, got \(44,\)"),
+        (lambda x: np.where(np.arange(45) == 7, np.nan, x), "expected finite numbers, got nan at index 7"),
+    ],
+)
+def test_a_vector_of_another_shape_or_without_a_number_is_refused(transfer, spoil, message):
+    problem, x = transfer
+    with pytest.raises(ValueError, match=message):
+        verify(problem, spoil(x))
+
+
+def test_the_verdict_names_its_means(transfer):
+    found = verify(*transfer)
+    assert found.integrator == "scipy.integrate.DOP853" and found.tolerance <= 1e-12
+    assert [name for name, _ in found.kernels] == ["de440.bsp", "by_hand.bsp"]
+    assert found.n_evaluations > 0
