@@ -1,0 +1,285 @@
+"""A solution in samples, for pictures: where it is, what it weighs, how it thrusts, arc by arc.
+
+Frames: inertial is geocentric J2000.  Rotating is geocentric too, x along the Moon, z along the Moon's
+angular momentum, both instantaneous, and all lengths are scaled so that the Moon stays at 384,400 km.
+Units: km, kg, rad, days past the departure epoch.  A picture is no proof: `core.analysis.verify` is.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.analysis.sampling import MAX_SAMPLES, sample_arc
+from core.ephemeris import EphemerisTable, span_days, state_at
+from core.problem import Outage, Problem
+from core.transcription import TrajectoryLayout, Transcription, checked_vector, transcribe
+from core.units import LU_KM, MU_KG, TU_DAYS, VU_KM_S
+
+Array = NDArray[np.float64]
+
+#: Samples per radian of the local circular orbit: about 125 a revolution, whatever its size.
+SAMPLES_PER_RADIAN = 20.0
+#: How far the target's path is drawn from the reference's insertion on [days]: one revolution of the NRHO.
+TARGET_DAYS = 6.6
+#: Steps along the paths of the Moon and of the target [days].
+MOON_STEP_DAYS = 0.5
+TARGET_STEP_DAYS = 0.01
+
+_COAST = np.zeros(3)
+_SCALE = np.array([LU_KM] * 3 + [VU_KM_S] * 3 + [MU_KG])
+
+
+class Arc(NamedTuple):
+    """One arc as a range of samples; neighbouring arcs repeat the sample between them."""
+
+    #: "coast", "thrust" or "outage".
+    kind: str
+    #: Segment from 1; 0 on coasts and outages.
+    segment: int
+    #: First sample, and one past the last.
+    first: int
+    stop: int
+    #: Throttle [-] and angles [rad]; zero on coasts and outages.
+    throttle: float
+    in_plane_rad: float
+    out_of_plane_rad: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlownTrajectory:
+    """The reference, or one realization from its outage on; time is the first index."""
+
+    #: The outage that it recovers from; None for the reference.
+    outage: Outage | None
+    arcs: tuple[Arc, ...]
+    #: Sample at which the backward half begins: the jump before it is the defect.
+    matchpoint: int
+    #: (n,) epochs [days past departure].
+    days: Array
+    #: (n, 3) positions [km] in both frames, and the Moon's in the inertial one.
+    inertial_km: Array
+    rotating_km: Array
+    moon_km: Array
+    #: (n,) distances from the centres of Earth and Moon [km].
+    earth_distance_km: Array
+    moon_distance_km: Array
+    #: (n,) speed relative to the Earth [km/s], and mass [kg].
+    speed_km_s: Array
+    mass_kg: Array
+
+
+class Path(NamedTuple):
+    """Where a body goes."""
+
+    #: (n,) epochs [days past departure].
+    days: Array
+    #: (n, 3) positions [km].
+    inertial_km: Array
+    rotating_km: Array
+    #: (n, 3) position of the Moon at the same epochs, inertial [km].
+    moon_km: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Flight:
+    """A solution in samples: trajectory 0 is the reference, then the realizations in order of outage."""
+
+    trajectories: tuple[FlownTrajectory, ...]
+    #: The Moon from departure to the last arrival.
+    moon: Path
+    #: The target orbit from the reference's insertion on.
+    target: Path
+
+
+class _Piece(NamedTuple):
+    """An arc as flown: samples in order of time."""
+
+    kind: str
+    segment: int
+    control: Array  # (3,)
+    times: Array  # (n,) [TU past departure]
+    states: Array  # (n, 7) canonical
+
+
+class _Halves(NamedTuple):
+    """A trajectory in pieces, each half in order of time."""
+
+    forward: list[_Piece]
+    backward: list[_Piece]
+
+
+def fly(problem: Problem, x: Array, samples_per_radian: float = SAMPLES_PER_RADIAN) -> Flight:
+    """Return samples of the reference and of every realization.
+
+    Parameters
+    ----------
+    problem : Problem
+        P_k.
+    x : (n_variables,) array
+        Decision vector [days, rad, kg].
+    samples_per_radian : float
+        Density of the samples [1/rad], by the angular speed of a circular orbit at the place.
+
+    Returns
+    -------
+    Flight
+        Trajectories, and the paths of the Moon and of the target; not finite past a passage through a body.
+
+    Raises
+    ------
+    ValueError
+        When x has another shape or is not finite.
+
+    References
+    ----------
+    docs/method.md, "Rotating frame of the pictures".
+    """
+    transcription = transcribe(problem, n_legs=1)
+    x = checked_vector(transcription.layout, x)
+    sampler = _Sampler(transcription, samples_per_radian)
+    layout, *others = transcription.layout.trajectories
+    reference = sampler.halves(layout, x, 0.0, transcription.setting.departure)
+    flown = [sampler.finished(None, reference)]
+    for layout in others:
+        start, state = _start_of(layout, reference)
+        flown.append(sampler.finished(layout.outage, sampler.halves(layout, x, start, state)))
+    insertion = float(reference.backward[-1].times[0]) * TU_DAYS
+    arrival = max(float(trajectory.days[-1]) for trajectory in flown)
+    return Flight(
+        trajectories=tuple(flown),
+        moon=sampler.path(sampler.moon_at, 0.0, arrival, MOON_STEP_DAYS),
+        target=sampler.path(sampler.target_at, insertion, insertion + TARGET_DAYS, TARGET_STEP_DAYS),
+    )
+
+
+def to_rotating(position: Array, moon: Array, moon_velocity: Array) -> Array:
+    """Return geocentric positions in the rotating frame of the pictures.
+
+    Parameters
+    ----------
+    position, moon : (n, 3) arrays
+        Positions of a point and of the Moon [km], geocentric J2000.
+    moon_velocity : (n, 3) array
+        Velocity of the Moon in any unit: only its direction counts [km/s].
+
+    Returns
+    -------
+    (n, 3) array
+        Scaled positions [km]; the Moon is at (384,400, 0, 0).
+    """
+    distance = np.linalg.norm(moon, axis=1, keepdims=True)
+    momentum = np.cross(moon, moon_velocity)
+    x = moon / distance
+    z = momentum / np.linalg.norm(momentum, axis=1, keepdims=True)
+    axes = np.stack([x, np.cross(z, x), z], axis=1)
+    rotated: Array = np.einsum("nij,nj->ni", axes, position) * (LU_KM / distance)
+    return rotated
+
+
+def _start_of(layout: TrajectoryLayout, reference: _Halves) -> tuple[float, Array]:
+    """Return epoch [TU] and state of the reference where the outage of a realization begins."""
+    segment = layout.outage.segment if layout.outage else 1
+    # Piece i ends where segment i + 1 starts: piece 0 is the initial coast.
+    if segment <= len(reference.forward):
+        piece = reference.forward[segment - 1]
+        return float(piece.times[-1]), piece.states[-1]
+    piece = reference.backward[segment - len(reference.forward)]
+    return float(piece.times[0]), piece.states[0]
+
+
+class _Sampler:
+    """Flies the arcs of one problem and tells where the bodies are."""
+
+    def __init__(self, transcription: Transcription, samples_per_radian: float) -> None:
+        self.model = transcription.setting.model
+        self.target: EphemerisTable = transcription.setting.target
+        self.samples_per_radian = samples_per_radian
+        self._times, self._states = np.empty(MAX_SAMPLES), np.empty((MAX_SAMPLES, 7))
+
+    def halves(self, layout: TrajectoryLayout, x: Array, start: float, state: Array) -> _Halves:
+        """Return a trajectory that leaves `state` at `start` [TU], or an outage that begins there."""
+        shooting, initial, final = x[layout.offset : layout.offset + 3] / TU_DAYS
+        controls = x[layout.controls].reshape(-1, 3)
+        h, n_forward = shooting / layout.n_segments, layout.matchpoint - 1
+        forward = []
+        if layout.outage is not None:
+            missed = layout.outage.duration_days / TU_DAYS
+            forward.append(self._piece("outage", 0, _COAST, start, start + missed, state))
+            start, state = start + missed, forward[-1].states[-1]
+        forward.append(self._piece("coast", 0, _COAST, start, start + initial, state))
+        begin = start + initial
+        for p in range(n_forward):
+            state = forward[-1].states[-1]
+            forward.append(self._thrust(p + 1, controls[p], begin + p * h, begin + (p + 1) * h, state))
+        end = begin + shooting
+        arrived = np.append(self._target_state(end + final), x[layout.final_mass] / MU_KG)
+        backward = [self._piece("coast", 0, _COAST, end + final, end, arrived)]
+        for p in range(layout.n_segments, n_forward, -1):
+            state = backward[0].states[0]
+            backward.insert(0, self._thrust(p, controls[p - 1], begin + p * h, begin + (p - 1) * h, state))
+        return _Halves(forward, backward)
+
+    def _thrust(self, segment: int, control: Array, t_a: float, t_b: float, state: Array) -> _Piece:
+        return self._piece("thrust", segment, control, t_a, t_b, state)
+
+    def _piece(self, kind: str, segment: int, control: Array, t_a: float, t_b: float, state: Array) -> _Piece:
+        self._states[0] = state
+        per_radian = self.samples_per_radian
+        n = sample_arc(self.model, t_a, t_b, control, per_radian, self._times, self._states)
+        order = slice(None, None, 1 if t_b >= t_a else -1)
+        return _Piece(kind, segment, control, self._times[:n][order].copy(), self._states[:n][order].copy())
+
+    def _target_state(self, t: float) -> Array:
+        days = t * TU_DAYS
+        relative, moon = state_at(self.target, days), state_at(self.model.bodies, days)
+        return np.concatenate([moon[0, :3] + relative[0, :3], moon[1, :3] + relative[1, :3]])
+
+    def finished(self, outage: Outage | None, halves: _Halves) -> FlownTrajectory:
+        """Return the samples of a trajectory in public units."""
+        pieces = [*halves.forward, *halves.backward]
+        stops = np.cumsum([len(piece.times) for piece in pieces])
+        arcs = tuple(
+            Arc(p.kind, p.segment, int(stop) - len(p.times), int(stop), *(float(u) for u in p.control))
+            for p, stop in zip(pieces, stops, strict=True)
+        )
+        days = np.concatenate([piece.times for piece in pieces]) * TU_DAYS
+        states = np.concatenate([piece.states for piece in pieces]) * _SCALE
+        position = states[:, :3]
+        moon, moon_velocity = self.moon_states(days)
+        return FlownTrajectory(
+            outage=outage,
+            arcs=arcs,
+            matchpoint=arcs[len(halves.forward)].first,
+            days=days,
+            inertial_km=position,
+            rotating_km=to_rotating(position, moon, moon_velocity),
+            moon_km=moon,
+            earth_distance_km=np.asarray(np.linalg.norm(position, axis=1)),
+            moon_distance_km=np.asarray(np.linalg.norm(position - moon, axis=1)),
+            speed_km_s=np.asarray(np.linalg.norm(states[:, 3:6], axis=1)),
+            mass_kg=states[:, 6],
+        )
+
+    def moon_states(self, days: Array) -> tuple[Array, Array]:
+        """Return positions [km] and velocities [km/s] of the Moon, (n, 3) each."""
+        states = np.array([state_at(self.model.bodies, moment)[:2, :3] for moment in days])
+        return states[:, 0] * LU_KM, states[:, 1] * VU_KM_S
+
+    def moon_at(self, days: float) -> Array:
+        """Return the geocentric position of the Moon (3,) [LU]."""
+        return state_at(self.model.bodies, days)[0, :3]
+
+    def target_at(self, days: float) -> Array:
+        """Return the geocentric position of the target (3,) [LU]."""
+        return self.moon_at(days) + state_at(self.target, days)[0, :3]
+
+    def path(self, place: Callable[[float], Array], start: float, stop: float, step: float) -> Path:
+        """Return where a body goes between two epochs [days], as far as the tables reach."""
+        stop = min(stop, span_days(self.target)[1], span_days(self.model.bodies)[1])
+        days = np.linspace(start, stop, max(2, round((stop - start) / step) + 1))
+        position = np.array([place(moment) for moment in days]) * LU_KM
+        moon, moon_velocity = self.moon_states(days)
+        return Path(days, position, to_rotating(position, moon, moon_velocity), moon)
