@@ -1,0 +1,71 @@
+"""Files that never change under their name: read, named by content and compressed once.
+
+The folder `static` is served under /static/<digest>/, so that modules import each other by relative path;
+plotly.js comes from the installed `plotly` package as /static/plotly-<digest>.min.js.
+"""
+
+import gzip
+import hashlib
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+
+MEDIA_TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
+
+
+@dataclass(frozen=True, slots=True)
+class Asset:
+    """A file in both encodings."""
+
+    media_type: str
+    plain: bytes
+    zipped: bytes
+
+
+def static_digest() -> str:
+    """Return the name of the folder: a hash of all of its files."""
+    return _own_files()[0]
+
+
+def plotly_name() -> str:
+    """Return the file name under which plotly.js is served."""
+    return f"plotly-{_digest(_plotly_source().read_bytes())}.min.js"
+
+
+def find(path: str) -> Asset | None:
+    """Return the asset at a path below /static/, or None."""
+    folder, _, name = path.rpartition("/")
+    if not folder:
+        return plotly() if name == plotly_name() else None
+    digest, own = _own_files()
+    return own.get(name) if folder == digest else None
+
+
+@cache
+def plotly() -> Asset:
+    """Return plotly.js; compressing it takes a fifth of a second, so callers warm this up."""
+    return _asset("plotly.js", _plotly_source().read_bytes())
+
+
+def _plotly_source() -> Traversable:
+    return files("plotly") / "package_data" / "plotly.min.js"
+
+
+@cache
+def _own_files() -> tuple[str, dict[str, Asset]]:
+    folder = files("service.dashboard") / "static"
+    contents = {entry.name: entry.read_bytes() for entry in folder.iterdir() if entry.is_file()}
+    parts = (name.encode() + b"\0" + content for name, content in sorted(contents.items()))
+    digest = _digest(b"\0".join(parts))
+    return digest, {name: _asset(name, content) for name, content in contents.items()}
+
+
+def _asset(name: str, content: bytes) -> Asset:
+    suffix = name[name.rindex(".") :]
+    # Without a time stamp the same content gives the same bytes.
+    return Asset(MEDIA_TYPES[suffix], content, gzip.compress(content, compresslevel=6, mtime=0))
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.blake2b(content, digest_size=8).hexdigest()

@@ -1,0 +1,40 @@
+// @ts-check
+/** Light or dark: the system's wish, until the reader chooses. */
+
+import { byId } from "./dom.js";
+
+const KEY = "coastarc-theme";
+
+/** @returns {"light" | "dark"} */
+export function theme() {
+  const chosen = localStorage.getItem(KEY);
+  if (chosen === "light" || chosen === "dark") return chosen;
+  return window.matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark";
+}
+
+/** @param {() => void} onChange called after every change of colours */
+export function watchTheme(onChange) {
+  const apply = () => {
+    document.documentElement.dataset.theme = theme();
+    byId("theme").setAttribute("aria-label", `Use the ${other()} theme`);
+    onChange();
+  };
+  byId("theme").addEventListener("click", () => {
+    localStorage.setItem(KEY, other());
+    apply();
+  });
+  window.matchMedia("(prefers-color-scheme: light)").addEventListener("change", apply);
+  apply();
+}
+
+function other() {
+  return theme() === "light" ? "dark" : "light";
+}
+
+/**
+ * Return a colour of the style sheet.
+ * @param {string} name
+ */
+export function colour(name) {
+  return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+}

@@ -1,0 +1,81 @@
+import gzip
+import re
+from importlib.resources import files
+
+import pytest
+from fastapi import FastAPI
+from fastapi.testclient import TestClient
+
+from service.api import pages
+from service.dashboard import assets
+
+STATIC = files("service.dashboard") / "static"
+MODULES = sorted(entry.name for entry in STATIC.iterdir() if entry.name.endswith(".js"))
+
+
+@pytest.fixture(scope="module")
+def client():
+    app = FastAPI()
+    app.include_router(pages.router)
+    with TestClient(app) as client:
+        yield client
+
+
+def addresses(page):
+    return re.findall(r'(?:src|href|data-plotly)="(/[^"]+)"', page)
+
+
+def test_the_page_names_only_files_that_are_served(client):
+    found = addresses(client.get("/").text)
+    assert len(found) >= 4
+    for address in found:
+        assert client.get(address).status_code == 200, address
+
+
+def test_files_may_be_kept_for_ever_and_the_page_may_not(client):
+    page = client.get("/")
+    assert page.headers["cache-control"] == "no-cache"
+    for address in addresses(page.text):
+        assert client.get(address).headers["cache-control"] == "public, max-age=31536000, immutable"
+
+
+def test_plotly_is_the_installed_one_with_its_licence_and_travels_compressed(client):
+    address = f"/static/{assets.plotly_name()}"
+    answer = client.get(address, headers={"accept-encoding": "gzip"})
+    assert answer.headers["content-encoding"] == "gzip"
+    head = answer.text[:300]
+    assert re.search(r"plotly\.js v4\.\d+\.\d+", head) and "Licensed under the MIT license" in head
+    assert len(assets.plotly().zipped) < 1.6e6  # the budget of a page with plots
+
+
+def test_a_client_without_gzip_gets_the_same_bytes_plain(client):
+    address = f"/static/{assets.static_digest()}/main.js"
+    plain = client.get(address, headers={"accept-encoding": "identity"})
+    assert "content-encoding" not in plain.headers
+    assert plain.content == gzip.decompress(assets.find(address.removeprefix("/static/")).zipped)
+
+
+@pytest.mark.parametrize("path", ["main.js", "0000/main.js", "../pages.py", "plotly-0.min.js"])
+def test_a_file_of_another_version_or_folder_is_not_found(client, path):
+    assert client.get(f"/static/{path}").status_code == 404
+
+
+def test_the_page_carries_no_inline_script_and_no_foreign_address(client):
+    page = client.get("/").text
+    assert not re.search(r"<script(?![^>]*\bsrc=)", page) and not re.search(r"\son\w+=", page)
+    assert "http://" not in page and "https://" not in page
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_modules_are_checked_by_type_and_make_no_markup_from_text(name):
+    text = (STATIC / name).read_text(encoding="utf-8")
+    assert text.startswith("// @ts-check\n")
+    assert not re.search(
+        r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|\beval\b|new Function", text
+    )
+    assert "https://" not in text
+
+
+def test_all_parts_but_plotly_stay_small():
+    weight = sum(len(gzip.compress((STATIC / entry.name).read_bytes())) for entry in STATIC.iterdir())
+    assert weight < 60_000  # a page paints its tables before plotly comes
