@@ -77,22 +77,26 @@ class Database:
 
 
 def _writer_engine(path: Path) -> Engine:
-    engine = create_engine(f"sqlite:///{path}", connect_args={"check_same_thread": False})
+    engine = _engine(str(path), uri=False)
     event.listen(engine, "connect", _on_writer_connect)
     event.listen(engine, "begin", lambda connection: connection.exec_driver_sql("BEGIN IMMEDIATE"))
     return engine
 
 
 def _reader_engine(path: Path) -> Engine:
-    place = f"file:{quote(str(path.absolute()))}?mode=ro"
-    engine = create_engine(
-        "sqlite://",
-        creator=lambda: sqlite3.connect(place, uri=True, check_same_thread=False),
-        poolclass=QueuePool,
-    )
+    engine = _engine(f"file:{quote(str(path.absolute()))}?mode=ro", uri=True)
     event.listen(engine, "connect", _on_reader_connect)
     event.listen(engine, "begin", lambda connection: connection.exec_driver_sql("BEGIN"))
     return engine
+
+
+def _engine(place: str, *, uri: bool) -> Engine:
+    # Not by URL: a folder may have any character in its name.
+    return create_engine(
+        "sqlite://",
+        creator=lambda: sqlite3.connect(place, uri=uri, check_same_thread=False),
+        poolclass=QueuePool,
+    )
 
 
 def _on_writer_connect(connection: sqlite3.Connection, _: Any) -> None:
