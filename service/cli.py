@@ -46,7 +46,8 @@ app = typer.Typer(
 )
 solutions = typer.Typer(help="Look at solutions.", no_args_is_help=True)
 app.add_typer(solutions, name="solutions")
-console = Console()
+# What is piped into a file has no width to respect.
+console = Console(width=None if sys.stdout.isatty() else 140)
 errors = Console(stderr=True)
 
 SpecFile = Annotated[Path, typer.Argument(help="Campaign specification, .toml or .json.")]
@@ -149,7 +150,7 @@ def list_solutions(
     """List verified solutions, the least propellant first."""
     with Store(data, read_only=True) as store:
         records = store.all_records(Filter(campaign, search, strict))[:limit]
-    _show(records, report.solution_list(list(records)), as_json)
+    _show(records, report.solution_list(records), as_json)
 
 
 @solutions.command("show")
@@ -175,10 +176,10 @@ def doctor(
 ) -> None:
     """Check this installation, and say what to do where something is missing."""
     checks = check_all(data, port)
-    table = Table("check", "state", "found", "what to do")
+    rows = report.table("check", "state", "found", "what to do")
     for check in checks:
-        table.add_row(check.name, check.state, check.found, check.advice)
-    _show(checks, table, as_json)
+        rows.add_row(check.name, check.state, check.found, check.advice)
+    _show(checks, rows, as_json)
     if any(check.state == "failed" for check in checks):
         raise typer.Exit(1)
 

@@ -1,59 +1,54 @@
 """What a campaign came to, as tables for the terminal."""
 
+from collections.abc import Sequence
 from datetime import timedelta
 
+from rich import box
 from rich.console import Console
 from rich.table import Table
 
 from core.analysis.metrics import feasibility_ratio
 from service.api.schemas import CampaignItem, CampaignView, Record, SearchView
 
-SUMMARY_COLUMNS = (
-    "search",
-    "strategy",
-    "state",
-    "solves",
-    "feasible, paper tolerance",
-    "feasible, strict",
-    "solutions",
-    "propellant, best",
-    "delta-v, best",
-    "CPU per solution",
-)
+SUMMARY_COLUMNS = ("search", "strategy", "solves", "paper, %", "strict, %", "found", "kg", "km/s", "CPU, s")
+
+
+def table(*columns: str, title: str | None = None) -> Table:
+    """Return a table in the house's style: light, so that eighty columns hold a campaign."""
+    rows = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for column in columns:
+        rows.add_column(column, overflow="fold")
+    return rows
 
 
 def summary(view: CampaignView) -> Table:
-    """Return one row per search: ratios with their 95 % Wilson intervals, and the best found."""
-    title = (
-        f"{view.name}: {view.state}, {view.n_solutions} solutions, {_duration(view.cpu_seconds)} of CPU time"
-    )
-    table = Table(*SUMMARY_COLUMNS, title=title, title_justify="left")
+    """Return one row per search: shares of feasible solves, 95 % Wilson intervals, and the best found."""
+    cpu = _duration(view.cpu_seconds)
+    title = f"{view.name}: {view.state}, {view.n_solutions} solutions, {cpu} of CPU time"
+    rows = table(*SUMMARY_COLUMNS, title=title)
     for search in view.searches:
-        table.add_row(*_summary_row(search))
-    return table
-
-
-def _summary_row(search: SearchView) -> tuple[str, ...]:
-    return (
-        search.name,
-        search.strategy,
-        search.state,
-        f"{search.n_solves}/{search.n_guesses_planned if search.n_guesses_planned is not None else 'open'}",
-        ratio(search.n_paper, search.n_solves),
-        ratio(search.n_strict, search.n_solves),
-        str(search.n_solutions),
-        _shown(search.best_propellant_kg, "kg", 2),
-        _shown(search.best_delta_v_km_s, "km/s", 4),
-        _shown(search.cpu_seconds / search.n_strict if search.n_strict else None, "s", 1),
-    )
+        rows.add_row(
+            search.name,
+            search.strategy,
+            _solves(search),
+            ratio(search.n_paper, search.n_solves),
+            ratio(search.n_strict, search.n_solves),
+            str(search.n_solutions),
+            _shown(search.best_propellant_kg, 2),
+            _shown(search.best_delta_v_km_s, 4),
+            _shown(search.cpu_seconds / search.n_strict if search.n_strict else None, 1),
+        )
+    rows.caption = "shares with 95 % interval; least propellant and delta-v; CPU time per strict solution"
+    rows.caption_justify = "left"
+    return rows
 
 
 def ratio(n_feasible: int, n_guesses: int) -> str:
-    """Return a feasibility ratio with its interval, in percent."""
+    """Return a feasibility ratio and, on a line of its own, its interval, in percent."""
     if n_guesses == 0:
         return "-"
     share = feasibility_ratio(n_feasible, n_guesses)
-    return f"{100 * share.value:.1f} % ({100 * share.low:.1f}-{100 * share.high:.1f})"
+    return f"{100 * share.value:.1f}\n{100 * share.low:.1f}-{100 * share.high:.1f}"
 
 
 def progress(view: CampaignView) -> Table:
@@ -61,20 +56,22 @@ def progress(view: CampaignView) -> Table:
     left = "unknown" if view.eta_seconds is None else _duration(view.eta_seconds)
     gone = _duration(view.elapsed_seconds)
     title = f"{view.name}: {gone} gone, {left} left, {view.rate_per_min:.1f} solves/min"
-    table = Table(
-        "search", "strategy", "solves", "running", "strict", "best", title=title, title_justify="left"
-    )
+    rows = table("search", "strategy", "solves", "running", "strict", "best, kg", title=title)
     for search in view.searches:
-        planned = "open" if search.n_guesses_planned is None else str(search.n_guesses_planned)
-        table.add_row(
+        rows.add_row(
             search.name,
             search.strategy,
-            f"{search.n_solves}/{planned}",
+            _solves(search),
             str(search.jobs.running) if search.state == "active" else search.state,
             str(search.n_strict),
-            _shown(search.best_propellant_kg, "kg", 2),
+            _shown(search.best_propellant_kg, 2),
         )
-    return table
+    return rows
+
+
+def _solves(search: SearchView) -> str:
+    planned = "open" if search.n_guesses_planned is None else str(search.n_guesses_planned)
+    return f"{search.n_solves}/{planned}"
 
 
 def progress_line(view: CampaignView) -> str:
@@ -85,31 +82,29 @@ def progress_line(view: CampaignView) -> str:
 
 def campaign_list(items: list[CampaignItem]) -> Table:
     """Return the campaigns."""
-    table = Table("id", "name", "state", "jobs", "solves", "solutions", "delta-v, best")
+    rows = table("id", "name", "state", "jobs", "solves", "solutions", "best, km/s")
     for item in items:
-        best = _shown(item.best_delta_v_km_s, "km/s", 4)
-        jobs = f"{item.n_done}/{item.n_jobs}"
-        table.add_row(
-            str(item.id), item.name, item.state, jobs, str(item.n_solves), str(item.n_solutions), best
-        )
-    return table
+        best = _shown(item.best_delta_v_km_s, 4)
+        counts = (f"{item.n_done}/{item.n_jobs}", str(item.n_solves), str(item.n_solutions))
+        rows.add_row(str(item.id), item.name, item.state, *counts, best)
+    return rows
 
 
-def solution_list(records: list[Record]) -> Table:
+def solution_list(records: Sequence[Record]) -> Table:
     """Return solutions, one row each."""
-    table = Table("id", "search", "propellant", "delta-v", "flight time", "insertion", "tolerance", "seed")
+    rows = table("id", "search", "kg", "km/s", "days", "insertion", "defects", "seed")
     for record in records:
-        table.add_row(
-            record.id[:12],
-            f"{record.search} {record.strategy}",
-            _shown(record.propellant_kg, "kg", 2),
-            _shown(record.delta_v_km_s, "km/s", 4),
-            _shown(record.time_of_flight_days, "d", 2),
-            record.insertion_epoch,
+        rows.add_row(
+            record.id[:8],
+            record.search,
+            _shown(record.propellant_kg, 2),
+            _shown(record.delta_v_km_s, 4),
+            _shown(record.time_of_flight_days, 2),
+            record.insertion_epoch[:10],
             "strict" if record.strict else "paper",
-            (record.seed_id or "-")[:12],
+            (record.seed_id or "-")[:8],
         )
-    return table
+    return rows
 
 
 def print_record(console: Console, record: Record) -> None:
@@ -118,8 +113,8 @@ def print_record(console: Console, record: Record) -> None:
         console.print(f"[bold]{name}[/bold]: {value}", soft_wrap=True, highlight=False)
 
 
-def _shown(value: float | None, unit: str, digits: int) -> str:
-    return "-" if value is None else f"{value:.{digits}f} {unit}"
+def _shown(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
 
 
 def _duration(seconds: float) -> str:
