@@ -48,7 +48,7 @@ def ratio(n_feasible: int, n_guesses: int) -> str:
     if n_guesses == 0:
         return "-"
     share = feasibility_ratio(n_feasible, n_guesses)
-    return f"{100 * share.value:.1f}\n{100 * share.low:.1f}-{100 * share.high:.1f}"
+    return f"{100 * share.value:.1f}\n{100 * share.low:.3g}-{100 * share.high:.3g}"
 
 
 def progress(view: CampaignView) -> Table:
