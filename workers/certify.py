@@ -10,6 +10,7 @@ from core.analysis.verify import Verification
 from core.constants import SECONDS_PER_DAY
 from core.orbits import departure_state
 from core.problem import Problem, calendar_epoch
+from core.transcription import layout_of
 from workers.job import Certificate, Trajectory
 
 
@@ -37,8 +38,10 @@ def _details(verification: Verification) -> dict[str, Any]:
 
 
 def trajectory(problem: Problem, x: NDArray[np.float64], verification: Verification) -> Trajectory:
-    """Return the reference's masses, times and delta-v; the first three of x are T_s, T_i, T_f."""
-    shooting, initial_coast, final_coast = (float(value) for value in x[:3])
+    """Return the reference's masses, times and delta-v."""
+    layout = layout_of(problem).reference
+    shooting, initial_coast = float(x[layout.shooting_time]), float(x[layout.initial_coast])
+    final_coast = float(x[layout.final_coast])
     departure_mass = departure_state(problem.departure, problem.spacecraft).mass_kg
     final_mass = float(verification.final_mass_kg[0])
     arrival_et = float(verification.arrival_et[0])

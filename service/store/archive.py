@@ -7,11 +7,12 @@ import numpy as np
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from core.transcription import checked_vector, layout_of
 from service.db.dialect import insert_new
 from service.db.tables import CampaignRow, JobRow, SearchRow, SeedLinkRow, SolutionRow, SolveRow
 from service.scheduler import plan
 from service.store.events import note
-from service.store.specs import search_spec
+from service.store.specs import search_spec, spec_of
 from service.store.submission import add_job, progress_of
 from workers.job import SolveRecord
 
@@ -41,7 +42,7 @@ def add_solve(
     session: Session, campaign: CampaignRow, search: SearchRow, job: JobRow, record: SolveRecord, now: float
 ) -> None:
     """Store a solve and what it found, unless an earlier attempt had handed in the same hop."""
-    solution_id = _add_solution(session, search, record, now)
+    solution_id = _add_solution(session, campaign, search, record, now)
     is_new = insert_new(session, SolveRow, _solve_values(job, record, solution_id, now))
     if solution_id is None or not is_new:
         return
@@ -69,10 +70,14 @@ def _solve_values(job: JobRow, record: SolveRecord, solution_id: str | None, now
     }
 
 
-def _add_solution(session: Session, search: SearchRow, record: SolveRecord, now: float) -> str | None:
+def _add_solution(
+    session: Session, campaign: CampaignRow, search: SearchRow, record: SolveRecord, now: float
+) -> str | None:
     if record.x is None or record.trajectory is None or record.certificate is None:
         return None
-    key = solution_hash(search.problem_hash, record.x)
+    problem = spec_of(campaign).problem_of(search_spec(campaign, search))
+    x = checked_vector(layout_of(problem), record.x)
+    key = solution_hash(search.problem_hash, x)
     facts = record.trajectory.model_dump(exclude={"final_mass_kg"})
     insert_new(
         session,
@@ -81,7 +86,7 @@ def _add_solution(session: Session, search: SearchRow, record: SolveRecord, now:
         | {
             "id": key,
             "problem_hash": search.problem_hash,
-            "x": np.array(record.x),
+            "x": x,
             "objective_kg": record.trajectory.final_mass_kg,
             "defects": _flat(record.certificate.defects),
             "paper": record.certificate.paper,

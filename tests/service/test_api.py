@@ -63,7 +63,7 @@ def test_a_record_has_every_field_that_the_archive_promises(client, finished):
     listed = client.get(f"{API}/solutions", params={"search": "s1-0"}).json()["items"][0]
     record = client.get(f"{API}/solutions/{listed['id']}").json()
     assert {name: record[name] for name in listed} == listed
-    assert len(record["x"]) == 154 and all(isinstance(value, float) for value in record["x"])
+    assert len(record["x"]) == 154 + 3 * 26 + 4 and all(isinstance(value, float) for value in record["x"])
     assert len(record["defects_verified"]) == len(record["defects_solved"]) == 2
     assert record["seed_id"] and record["rng_key"].startswith("7/1/1/0/")
     assert record["package_versions"] and record["kernel_hashes"] and record["host"]

@@ -8,6 +8,7 @@ import numpy as np
 from threadpoolctl import threadpool_info
 
 from core.problem import problem_from
+from core.transcription import layout_of
 from workers.job import (
     KIND_NUMBERS,
     Certificate,
@@ -60,7 +61,7 @@ def record(job, hop, feasible_share=0.5):
         status="OPTIMAL",
         is_feasible=True,
         objective_kg=final_mass,
-        x=tuple(rng.random(154).tolist()),
+        x=tuple(rng.random(layout_of(problem).n_variables).tolist()),
         trajectory=trajectory(final_mass),
         certificate=Certificate(
             paper=True, strict=bool(rng.random() < 0.8), defects=defects, cpu_seconds=0.1
