@@ -10,13 +10,14 @@ from core.dynamics import ForceModel, propagate
 from core.ephemeris import positions
 from core.jit import compiled
 from core.transcription.control import thrust_of
+from core.units import TU_DAYS
 
 Array = NDArray[np.float64]
 
 #: Most samples of one arc, its start included.
 MAX_SAMPLES = 4000
-#: Least number of pieces that an arc is drawn in.
-_MIN_PIECES = 2
+# In a quarter of a day the rotating frame turns by three degrees.
+_MAX_STEP = 0.25 / TU_DAYS
 # A ten-thousandth of the mean lunar distance, 0.04 km, is far below a pixel of any picture.
 _TOLERANCE = 1e-9
 
@@ -58,7 +59,7 @@ def sample_arc(
     while times[n - 1] != t_b and n < MAX_SAMPLES:
         t, state = times[n - 1], states[n - 1]
         positions(model.bodies, t, bodies)
-        step = min(_free_fall(model.gm, bodies, state) / per_radian, abs(t_b - t_a) / _MIN_PIECES)
+        step = min(_free_fall(model.gm, bodies, state) / per_radian, _MAX_STEP)
         # The last sample allowed ends the arc; a step that nearly reaches the end does too.
         if not step < 0.999 * abs(t_b - t) or n == MAX_SAMPLES - 1:
             times[n] = t_b
