@@ -51,7 +51,8 @@ def run_job(job: Job, stop: Stop = lambda: False) -> JobOutcome:
                 solves.append(record)
     except Exception:
         return _outcome(Ending.ERROR, solves, traceback.format_exc())
-    return _outcome(Ending.CANCELLED if stop() else summary_ending(solves), solves)
+    is_complete = len(solves) == (job.n_hops if isinstance(job, HopJob) else 1)
+    return _outcome(summary_ending(solves) if is_complete else Ending.CANCELLED, solves)
 
 
 def summary_ending(solves: list[SolveRecord]) -> Ending:
@@ -79,6 +80,7 @@ def _hops(job: HopJob, stop: Stop) -> Iterator[SolveRecord]:
         outcome = core.solve(transcription, guess, solve_settings(job.settings), deadline)
         times = stopwatch.read()
         if stop():
+            # Cut short, it is not the result that this address stands for.
             return
         move = chain.tell(guess, outcome)
         yield _record(job, hop, problem, outcome, times, move)
@@ -111,32 +113,18 @@ def solve_settings(settings: Settings) -> SolveSettings:
 
 
 def prepared(definition: dict[str, Any], n_legs: int) -> tuple[Problem, Transcription]:
-    """Return a problem and its transcription, built and compiled once per process."""
+    """Return a problem and its transcription, which each process builds and compiles once."""
     problem = problem_from(definition)
-    return _prepared(problem.hash, n_legs, _Unhashed(problem))
-
-
-class _Unhashed:
-    """Carries a problem past `lru_cache`, which is to see its hash alone."""
-
-    def __init__(self, problem: Problem) -> None:
-        self.problem = problem
-
-    def __eq__(self, other: object) -> bool:
-        return True
-
-    def __hash__(self) -> int:
-        return 0
+    return problem, _transcribed(problem, n_legs)
 
 
 @lru_cache(maxsize=32)
-def _prepared(_hash: str, n_legs: int, carrier: _Unhashed) -> tuple[Problem, Transcription]:
-    transcription = core.transcribe(carrier.problem, n_legs=n_legs)
-    # Compile what a solve calls before any clock runs; the draw is no part of the search.
+def _transcribed(problem: Problem, n_legs: int) -> Transcription:
+    transcription = core.transcribe(problem, n_legs=n_legs)
+    # One iteration compiles all that a solve calls, before any clock runs; its draw is no part of the search.
     guess = core.sample_guess(transcription, np.random.default_rng(0))
-    transcription.defects(guess)
-    transcription.jacobian(guess)
-    return carrier.problem, transcription
+    core.solve(transcription, guess, SolveSettings(max_iterations=1))
+    return transcription
 
 
 class Stopwatch:
