@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from service import report
-from service.cli_run import serve_until_interrupted, watch_campaign
+from service.cli_run import announce, run_to_end, serve_until_interrupted
 from service.coordinator import Coordinator, CoordinatorError
 from service.db.engine import DatabaseError
 from service.doctor import check_all
@@ -72,11 +72,14 @@ def run(
     specification = load_spec(spec)
     with Coordinator(data, host, port) as coordinator:
         campaign_id, is_new = coordinator.store.submit(specification)
-        console.print(f"Live page: {coordinator.url}", highlight=False)
-        console.print(f"Archive:   {data}", highlight=False, soft_wrap=True)
-        if not is_new and coordinator.store.campaign(campaign_id).state == "active":
-            console.print(f"Going on with campaign {campaign_id}, which was begun before.")
-        is_finished = watch_campaign(console, coordinator, campaign_id, workers)
+        if coordinator.store.campaign(campaign_id).state == "done":
+            console.print(f"Campaign {campaign_id} has been run before; nothing is left to do.")
+            is_finished = True
+        else:
+            announce(console, coordinator)
+            if not is_new:
+                console.print(f"Going on with campaign {campaign_id}, which was begun before.")
+            is_finished = run_to_end(console, coordinator, campaign_id, workers)
         view = coordinator.store.campaign(campaign_id)
     console.print(report.summary(view))
     if not is_finished:
@@ -94,8 +97,7 @@ def serve(
 ) -> None:
     """Serve the page and the API, and work on every campaign that is submitted, until interrupted."""
     with Coordinator(data, host, port) as coordinator:
-        console.print(f"Live page: {coordinator.url}", highlight=False)
-        console.print(f"Archive:   {data}", highlight=False, soft_wrap=True)
+        announce(console, coordinator)
         serve_until_interrupted(coordinator, workers)
 
 

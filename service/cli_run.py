@@ -14,11 +14,14 @@ TERMINAL_PERIOD_S = 0.5
 LOG_PERIOD_S = 20.0
 
 
-def watch_campaign(console: Console, coordinator: Coordinator, campaign_id: int, n_workers: int) -> bool:
+def announce(console: Console, coordinator: Coordinator) -> None:
+    """Print where to look."""
+    console.print(f"Live page: {coordinator.url}", highlight=False)
+    console.print(f"Archive:   {coordinator.store.folder}", highlight=False, soft_wrap=True)
+
+
+def run_to_end(console: Console, coordinator: Coordinator, campaign_id: int, n_workers: int) -> bool:
     """Work on a campaign and show how far it is; return whether it finished, and was not interrupted."""
-    store = coordinator.store
-    if store.campaign(campaign_id).state == "done":
-        return True
     try:
         coordinator.work(ProcessPool(n_workers), campaign_id)
         _follow(console, coordinator, campaign_id)

@@ -82,7 +82,7 @@ def _hops(job: HopJob, stop: Stop) -> Iterator[SolveRecord]:
         if stop():
             # Cut short, it is not the result that this address stands for.
             return
-        move = chain.tell(guess, outcome)
+        move = chain.tell(outcome)
         yield _record(job, hop, problem, outcome, times, move)
 
 

@@ -125,3 +125,26 @@ def run_printing(job, stop):
     """Print, as solvers do, where only outcomes belong."""
     os.write(1, b"This is Ipopt\n")
     return run_fake(job, stop)
+
+
+def run_solving_then_reporting_threads(job, stop):
+    """Solve really, and tell how many threads the loaded libraries had before, during and after."""
+    from workers.run import run_job
+
+    seen = []
+
+    def stop_and_look():
+        seen.append(threads_now())
+        return stop()
+
+    before = threads_now()
+    outcome = run_job(job, stop_and_look)
+    assert outcome.error is None, outcome.error
+    during = sorted({n for threads in seen for n in threads})
+    told = f"before {before}, during {during}, after {threads_now()}"
+    variable = os.environ["OMP_NUM_THREADS"]
+    return JobOutcome(ending=Ending.ERROR, error=f"{told}, OMP_NUM_THREADS {variable}", provenance=PROVENANCE)
+
+
+def threads_now():
+    return sorted({library["num_threads"] for library in threadpool_info()})
