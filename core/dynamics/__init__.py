@@ -1,0 +1,15 @@
+"""How the spacecraft moves: the force model in, states and their partials at the end of an arc out."""
+
+from core.dynamics.dop853 import COAST, NOT_FINITE, STATE, THRUST, TOO_MANY_STEPS, propagate
+from core.dynamics.force import ForceModel, force_model
+
+__all__ = [
+    "COAST",
+    "NOT_FINITE",
+    "STATE",
+    "THRUST",
+    "TOO_MANY_STEPS",
+    "ForceModel",
+    "force_model",
+    "propagate",
+]

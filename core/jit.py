@@ -1,0 +1,36 @@
+"""The one way in which coastarc compiles its kernels, and where the machine code is kept.
+
+Numba notices a change in the file of a kernel, but not in a file that the kernel calls into.  So the
+cache folder is named by a hash of all of core's sources: changed code never meets stale machine code.
+"""
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numba
+from platformdirs import user_cache_path
+
+Kernel = TypeVar("Kernel", bound=Callable[..., Any])
+
+
+def _sources_digest() -> str:
+    digest = hashlib.blake2b(numba.__version__.encode(), digest_size=8)
+    for path in sorted(Path(__file__).parent.rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+numba.config.CACHE_DIR = str(  # type: ignore[attr-defined]
+    user_cache_path("coastarc") / f"compiled-{_sources_digest()}"
+)
+
+
+def compiled(kernel: Kernel) -> Kernel:
+    """Compile a kernel ahead of its first call per signature, cached on disk.
+
+    Division by zero gives infinities, as in NumPy: a bad guess must end in a status, not an exception.
+    Only contraction to fused multiply-adds is allowed beyond IEEE, so that tests for NaN keep working.
+    """
+    return cast(Kernel, numba.njit(cache=True, error_model="numpy", fastmath={"contract"})(kernel))
