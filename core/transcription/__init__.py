@@ -1,0 +1,27 @@
+"""From a problem to the functions a solver needs: decision vector in, defects and partials out."""
+
+from core.transcription.arcs import ReferencePath, fly_arc, target_state
+from core.transcription.control import control_of, throttle_of
+from core.transcription.guess import Guess
+from core.transcription.layout import Layout, TrajectoryLayout, checked_vector, layout_of
+from core.transcription.plan import OutageProfile, Structure
+from core.transcription.transcription import STATE_SCALE, TOLERANCE, Transcription, transcribe
+
+__all__ = [
+    "STATE_SCALE",
+    "TOLERANCE",
+    "Guess",
+    "Layout",
+    "OutageProfile",
+    "ReferencePath",
+    "Structure",
+    "TrajectoryLayout",
+    "Transcription",
+    "checked_vector",
+    "control_of",
+    "fly_arc",
+    "layout_of",
+    "target_state",
+    "throttle_of",
+    "transcribe",
+]

@@ -1,0 +1,138 @@
+"""Where everything stands in the decision vector: the only index arithmetic on it.
+
+The paper layout x lists, for the reference and then for each realization in order of outage,
+(T_s, T_i, T_f, u_1 .. u_N, m_f).  The lifted vector z holds the same entries in canonical units, followed
+by seven numbers (r, v, m) per shooting node.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.problem import Outage, Problem
+from core.units import MU_KG, TU_DAYS
+
+Array = NDArray[np.float64]
+
+#: Numbers of one control and of one state.
+CONTROL, STATE = 3, 7
+
+
+@dataclass(frozen=True, slots=True)
+class TrajectoryLayout:
+    """Where one trajectory stands in the decision vector."""
+
+    #: Index of its first variable.
+    offset: int
+    #: Number of its segments.
+    n_segments: int
+    #: The outage before it, None for the reference.
+    outage: Outage | None
+
+    @property
+    def shooting_time(self) -> int:
+        """Index of T_s."""
+        return self.offset
+
+    @property
+    def initial_coast(self) -> int:
+        """Index of T_i."""
+        return self.offset + 1
+
+    @property
+    def final_coast(self) -> int:
+        """Index of T_f."""
+        return self.offset + 2
+
+    def control(self, segment: int) -> int:
+        """Return the index of the throttle of a segment, counted from 1."""
+        return self.offset + 3 + CONTROL * (segment - 1)
+
+    @property
+    def controls(self) -> slice:
+        """All controls."""
+        return slice(self.control(1), self.final_mass)
+
+    @property
+    def final_mass(self) -> int:
+        """Index of m_f."""
+        return self.offset + 3 + CONTROL * self.n_segments
+
+    @property
+    def stop(self) -> int:
+        """One past the last variable."""
+        return self.final_mass + 1
+
+    @property
+    def matchpoint(self) -> int:
+        """Boundary where the halves meet: the start of this segment, counted from 1."""
+        return self.n_segments // 2 + 1
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Where the trajectories of a problem stand: the reference first."""
+
+    trajectories: tuple[TrajectoryLayout, ...]
+
+    @property
+    def n_variables(self) -> int:
+        """Length of x."""
+        return self.trajectories[-1].stop
+
+    @property
+    def reference(self) -> TrajectoryLayout:
+        """Where the reference stands."""
+        return self.trajectories[0]
+
+    def scale(self) -> Array:
+        """Return the (n_variables,) factors from canonical units to those of x (days, kg, rad)."""
+        factors = np.ones(self.n_variables)
+        for trajectory in self.trajectories:
+            factors[trajectory.offset : trajectory.offset + 3] = TU_DAYS
+            factors[trajectory.final_mass] = MU_KG
+        return factors
+
+    def bounds(self, problem: Problem, start_mass_kg: float) -> tuple[Array, Array]:
+        """Return the box of x, docs/method.md section 4, in the units of x."""
+        lower, upper = np.empty(self.n_variables), np.empty(self.n_variables)
+        box = problem.bounds
+        for trajectory in self.trajectories:
+            missed = trajectory.outage.segment if trajectory.outage else 0
+            share = (problem.n_segments - missed) / problem.n_segments
+            low = np.array([box.shooting_days[0], box.initial_coast_days[0], box.final_coast_days[0]])
+            high = np.array(
+                [box.shooting_days[1] * share, box.initial_coast_days[1], box.final_coast_days[1]]
+            )
+            control_low = [box.throttle[0], -np.pi, -np.pi / 2]
+            control_high = [box.throttle[1], np.pi, np.pi / 2]
+            n = trajectory.n_segments
+            lower[trajectory.offset : trajectory.stop] = [*low, *control_low * n, box.min_final_mass_kg]
+            upper[trajectory.offset : trajectory.stop] = [*high, *control_high * n, start_mass_kg]
+        return lower, upper
+
+
+def layout_of(problem: Problem) -> Layout:
+    """Return the layout of a problem's decision vector."""
+    trajectories = [TrajectoryLayout(0, problem.n_segments, None)]
+    for outage in problem.outages:
+        left = problem.n_segments - outage.segment
+        n_segments = left if problem.segmentation == "adaptive" else problem.n_segments
+        trajectories.append(TrajectoryLayout(trajectories[-1].stop, n_segments, outage))
+    return Layout(tuple(trajectories))
+
+
+def checked_vector(layout: Layout, x: object) -> Array:
+    """Return x as a float array, or raise ValueError naming the shape expected and the one that came."""
+    vector = np.asarray(x, dtype=float)
+    if vector.shape != (layout.n_variables,):
+        raise ValueError(
+            f"decision vector: expected shape ({layout.n_variables},) for "
+            f"{layout.reference.n_segments} segments and {len(layout.trajectories) - 1} outages, got {vector.shape}"
+        )
+    if not np.all(np.isfinite(vector)):
+        raise ValueError(
+            f"decision vector: expected finite numbers, got {np.sum(~np.isfinite(vector))} that are not"
+        )
+    return vector

@@ -1,0 +1,344 @@
+"""The arcs, legs and defects of P_k as flat arrays that compiled code walks through.
+
+Every arc runs between two moments, and every moment is linear in six time variables: (T_s, T_i, T_f) of the
+reference and of the own trajectory.  Those coefficients are the table of docs/method.md, section 6; all time
+derivatives follow from them.
+"""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.problem import Problem
+from core.transcription.layout import CONTROL, STATE, Layout, TrajectoryLayout
+from core.units import TU_DAYS
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+#: Time variables on which a moment can depend.
+N_TIMES = 6
+
+#: What a leg starts from: the departure, the target, a shooting node, the end of another leg.
+DEPARTURE, TARGET, NODE, PARENT = range(4)
+
+
+class Plan(NamedTuple):
+    """Arcs, legs and defect blocks, in the order in which they are evaluated."""
+
+    #: (n_arcs,) index of the arc's throttle in z, -1 where the control is fixed.
+    arc_control: Indices
+    #: (n_arcs, 3) control where it is fixed: zero on coasts.
+    arc_fixed: Array
+    #: (n_arcs, 2) constant part of start and end [TU past departure].
+    arc_constant: Array
+    #: (n_arcs, 2, 6) coefficients of start and end on the time variables.
+    arc_times: Array
+    #: (n_trajectories, 6) index of the time variables in z, -1 where there is none.
+    times: Indices
+    #: (n_legs,) each: what it starts from, the index that goes with it (of m_f, of a node's first entry, of a
+    #: leg), its first arc and number of arcs, its trajectory, the node it ends on (-1: none).
+    leg_start: Indices
+    leg_link: Indices
+    leg_first: Indices
+    leg_arcs: Indices
+    leg_trajectory: Indices
+    leg_node: Indices
+    #: (n_legs + 1,) first column of each leg in the store of partials.
+    leg_columns: Indices
+    #: (n_blocks,) legs whose ends are added and subtracted (-1: none), the node that is, and its sign.
+    block_plus: Indices
+    block_minus: Indices
+    block_node: Indices
+    block_sign: Array
+    #: (n_blocks + 1,) first value of each block.
+    block_values: Indices
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Structure:
+    """The plan with what only Python needs: sizes and the sparsity pattern."""
+
+    plan: Plan
+    #: Length of z, nodes included.
+    n_variables: int
+    #: (n_nonzeros,) row and column of each entry, and its place among the values of the blocks.
+    rows: Indices
+    columns: Indices
+    places: Indices
+    #: Node of each (trajectory, boundary): index of its first entry in z.
+    nodes: dict[tuple[int, int], int]
+    #: Block of the matchpoint of each trajectory.
+    matchpoints: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Moment:
+    constant: float
+    times: tuple[float, ...]
+
+
+@dataclass(slots=True)
+class _Leg:
+    start: int
+    link: int
+    trajectory: int
+    first: int
+    arcs: int
+    node: int = -1
+    #: Variable of each column after the time columns, and whether the mass depends on it.
+    variables: list[int] = field(default_factory=list)
+    mass: list[bool] = field(default_factory=list)
+    times_used: list[bool] = field(default_factory=lambda: [False] * N_TIMES)
+    mass_times: list[bool] = field(default_factory=lambda: [False] * N_TIMES)
+
+
+#: Fixed controls during an outage: (duration [TU], control) from its start; the rest coasts.
+OutageProfile = tuple[tuple[float, tuple[float, float, float]], ...]
+
+
+class _Builder:
+    """Grows the arcs, legs and blocks of one problem."""
+
+    def __init__(
+        self, problem: Problem, layout: Layout, n_legs: int, profiles: tuple[OutageProfile, ...]
+    ) -> None:
+        self.problem, self.layout, self.n_legs, self.profiles = problem, layout, n_legs, profiles
+        self.arcs: list[tuple[int, tuple[float, ...], _Moment, _Moment]] = []
+        self.legs: list[_Leg] = []
+        self.blocks: list[tuple[int, int, int, float]] = []
+        self.nodes: dict[tuple[int, int], int] = {}
+        self.ends: dict[tuple[int, int], int] = {}
+        self.matchpoints: list[int] = []
+        self.n_variables = layout.n_variables
+
+    def build(self) -> Structure:
+        for index, trajectory in enumerate(self.layout.trajectories):
+            self._trajectory(index, trajectory)
+        return self._structure()
+
+    # -- moments ---------------------------------------------------------------------------------
+
+    def _origin(self, trajectory: TrajectoryLayout) -> _Moment:
+        """Return when a trajectory begins: departure, or the start of the missed segment."""
+        if trajectory.outage is None:
+            return _Moment(0.0, (0.0,) * N_TIMES)
+        share = (trajectory.outage.segment - 1) / self.problem.n_segments
+        return _Moment(0.0, (share, 1.0, 0.0, 0.0, 0.0, 0.0))
+
+    def _moment(self, trajectory: TrajectoryLayout, boundary: int, arrival: float = 0.0) -> _Moment:
+        origin = self._origin(trajectory)
+        own = ((boundary - 1) / trajectory.n_segments, 1.0, arrival)
+        if trajectory.outage is None:
+            return _Moment(0.0, (*own, 0.0, 0.0, 0.0))
+        return _Moment(trajectory.outage.duration_days / TU_DAYS, (*origin.times[:3], *own))
+
+    # -- legs ------------------------------------------------------------------------------------
+
+    def _trajectory(self, index: int, trajectory: TrajectoryLayout) -> None:
+        nodes, breaks = self._boundaries(index, trajectory)
+        for boundary in nodes:
+            self.nodes[index, boundary] = self.n_variables
+            self.n_variables += STATE
+        match = trajectory.matchpoint
+        forward = self._forward(index, trajectory, [b for b in breaks if b < match] + [match])
+        backward = self._backward(index, trajectory, [b for b in reversed(breaks) if b > match] + [match])
+        self.matchpoints.append(len(self.blocks))
+        self.blocks.append((forward, backward, -1, 0.0))
+
+    def _boundaries(self, index: int, trajectory: TrajectoryLayout) -> tuple[list[int], list[int]]:
+        """Return the boundaries with a node, and all at which a leg ends short of the matchpoint."""
+        n, lifted = trajectory.n_segments, self.n_legs > 1
+        n_legs = max(2, round(self.n_legs * n / self.problem.n_segments)) if lifted else 1
+        even = {round(1 + i * n / n_legs) for i in range(1, n_legs)}
+        starts = {outage.segment for outage in self.problem.outages} if index == 0 else set()
+        inside = {b for b in even | starts if 1 < b <= n and b != trajectory.matchpoint}
+        nodes = inside if lifted else set()
+        return sorted(nodes), sorted((nodes | starts) - {trajectory.matchpoint})
+
+    def _forward(self, index: int, trajectory: TrajectoryLayout, ends: list[int]) -> int:
+        leg, segment = self._first_leg(index, trajectory), 1
+        for end in ends:
+            for p in range(segment, end):
+                start = self._moment(trajectory, p)
+                self._arc(leg, trajectory.control(p), start, self._moment(trajectory, p + 1))
+            segment = end
+            done = self._close(leg, index, end, sign=-1.0)
+            if end != ends[-1]:
+                leg = self._next_leg(index, end, done)
+        return done
+
+    def _first_leg(self, index: int, trajectory: TrajectoryLayout) -> _Leg:
+        start = self._moment(trajectory, 1)
+        if trajectory.outage is None:
+            leg = self._leg(DEPARTURE, -1, index)
+            self._arc(leg, -1, self._origin(trajectory), start)
+            return leg
+        source = trajectory.outage.segment
+        leg = self._next_leg(index, source, self.ends[0, source], of=0)
+        origin, elapsed = self._origin(trajectory), 0.0
+        for duration, control in self._profile(index):
+            end = _Moment(elapsed + duration, origin.times)
+            self._arc(leg, -1, _Moment(elapsed, origin.times), end, fixed=control)
+            elapsed += duration
+        rest = self._profile_rest(index)
+        self._arc(leg, -1, _Moment(elapsed, origin.times), start, fixed=rest)
+        return leg
+
+    def _profile(self, index: int) -> OutageProfile:
+        """Return the fixed controls before the last one, which lasts until the outage's coast ends."""
+        return self.profiles[index - 1][:-1] if self.profiles else ()
+
+    def _profile_rest(self, index: int) -> tuple[float, float, float]:
+        return self.profiles[index - 1][-1][1] if self.profiles else (0.0, 0.0, 0.0)
+
+    def _backward(self, index: int, trajectory: TrajectoryLayout, ends: list[int]) -> int:
+        n = trajectory.n_segments
+        leg = self._leg(TARGET, trajectory.final_mass, index)
+        leg.variables.append(trajectory.final_mass)
+        leg.mass.append(True)
+        self._arc(leg, -1, self._moment(trajectory, n + 1, 1.0), self._moment(trajectory, n + 1))
+        segment = n
+        for end in ends:
+            for p in range(segment, end - 1, -1):
+                start = self._moment(trajectory, p + 1)
+                self._arc(leg, trajectory.control(p), start, self._moment(trajectory, p))
+            segment = end - 1
+            done = self._close(leg, index, end, sign=1.0)
+            if end != ends[-1]:
+                leg = self._next_leg(index, end, done)
+        return done
+
+    def _leg(self, start: int, link: int, index: int) -> _Leg:
+        return _Leg(start, link, index, len(self.arcs), 0)
+
+    def _next_leg(self, index: int, boundary: int, parent: int, of: int | None = None) -> _Leg:
+        """Return a leg that starts at a boundary: from its node if it has one, else from a leg's end."""
+        node = self.nodes.get((index if of is None else of, boundary))
+        if node is not None:
+            leg = self._leg(NODE, node, index)
+            leg.variables.extend(range(node, node + STATE))
+            leg.mass.extend([False] * 6 + [True])
+            return leg
+        leg, before = self._leg(PARENT, parent, index), self.legs[parent]
+        leg.variables.extend(before.variables)
+        leg.mass.extend(before.mass)
+        leg.times_used, leg.mass_times = list(before.times_used), list(before.mass_times)
+        return leg
+
+    def _arc(
+        self,
+        leg: _Leg,
+        control: int,
+        start: _Moment,
+        end: _Moment,
+        fixed: tuple[float, ...] = (0.0, 0.0, 0.0),
+    ) -> None:
+        self.arcs.append((control, fixed, start, end))
+        leg.arcs += 1
+        if control >= 0:
+            leg.variables.extend(range(control, control + CONTROL))
+            leg.mass.extend([True, False, False])
+        for slot, (a, b) in enumerate(zip(start.times, end.times, strict=True)):
+            leg.times_used[slot] |= a != 0.0 or b != 0.0
+            leg.mass_times[slot] |= a != b and (control >= 0 or fixed[0] != 0.0)
+
+    def _close(self, leg: _Leg, index: int, boundary: int, sign: float) -> int:
+        """Store a leg that ends at a boundary, with the defect of the node there."""
+        number = len(self.legs)
+        self.legs.append(leg)
+        node = self.nodes.get((index, boundary))
+        if node is not None:
+            leg.node = node
+            plus, minus = (number, -1) if sign < 0 else (-1, number)
+            self.blocks.append((plus, minus, node, sign))
+        # At the matchpoint both halves end: outages there start from the forward one.
+        self.ends.setdefault((index, boundary), number)
+        return number
+
+    # -- arrays ----------------------------------------------------------------------------------
+
+    def _structure(self) -> Structure:
+        rows, columns, places, offsets = [], [], [], [0]
+        for block, entries in enumerate(self.blocks):
+            variables, pattern = self._pattern(*entries)
+            row, column = np.nonzero(pattern)
+            rows.append(STATE * block + row)
+            columns.append(variables[column])
+            places.append(offsets[-1] + row * len(variables) + column)
+            offsets.append(offsets[-1] + pattern.size)
+        return Structure(
+            plan=self._plan(offsets),
+            n_variables=self.n_variables,
+            rows=np.concatenate(rows),
+            columns=np.concatenate(columns),
+            places=np.concatenate(places),
+            nodes=self.nodes,
+            matchpoints=tuple(self.matchpoints),
+        )
+
+    def _pattern(self, plus: int, minus: int, node: int, sign: float) -> tuple[Indices, NDArray[np.bool_]]:
+        """Return the variables of a block's columns, and which of its entries can be non-zero."""
+        legs = [self.legs[leg] for leg in (plus, minus) if leg >= 0]
+        used = np.any([leg.times_used for leg in legs], axis=0)
+        mass = np.any([leg.mass_times for leg in legs], axis=0)
+        variables = list(self._times(legs[0].trajectory))
+        for leg in legs:
+            used, mass = np.append(used, [True] * len(leg.variables)), np.append(mass, leg.mass)
+            variables.extend(leg.variables)
+        pattern = np.vstack([np.tile(used, (6, 1)), mass & used])
+        if node >= 0:
+            variables.extend(range(node, node + STATE))
+            pattern = np.hstack([pattern, np.eye(STATE, dtype=bool)])
+        return np.array(variables), pattern
+
+    def _times(self, index: int) -> list[int]:
+        reference, own = self.layout.reference, self.layout.trajectories[index]
+        listed = [reference.shooting_time, reference.initial_coast, reference.final_coast]
+        if own.outage is None:
+            return [*listed, -1, -1, -1]
+        return [*listed, own.shooting_time, own.initial_coast, own.final_coast]
+
+    def _plan(self, offsets: list[int]) -> Plan:
+        widths = [N_TIMES + len(leg.variables) for leg in self.legs]
+        return Plan(
+            arc_control=np.array([arc[0] for arc in self.arcs]),
+            arc_fixed=np.array([arc[1] for arc in self.arcs]),
+            arc_constant=np.array([[arc[2].constant, arc[3].constant] for arc in self.arcs]),
+            arc_times=np.array([[arc[2].times, arc[3].times] for arc in self.arcs]),
+            times=np.array([self._times(index) for index in range(len(self.layout.trajectories))]),
+            leg_start=np.array([leg.start for leg in self.legs]),
+            leg_link=np.array([leg.link for leg in self.legs]),
+            leg_first=np.array([leg.first for leg in self.legs]),
+            leg_arcs=np.array([leg.arcs for leg in self.legs]),
+            leg_trajectory=np.array([leg.trajectory for leg in self.legs]),
+            leg_node=np.array([leg.node for leg in self.legs]),
+            leg_columns=np.cumsum([0, *widths]),
+            block_plus=np.array([block[0] for block in self.blocks]),
+            block_minus=np.array([block[1] for block in self.blocks]),
+            block_node=np.array([block[2] for block in self.blocks]),
+            block_sign=np.array([block[3] for block in self.blocks]),
+            block_values=np.array(offsets),
+        )
+
+
+def build_plan(
+    problem: Problem, layout: Layout, n_legs: int = 1, profiles: tuple[OutageProfile, ...] = ()
+) -> Structure:
+    """Return the plan of a problem.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem P_k.
+    layout : Layout
+        Its decision vector.
+    n_legs : int
+        Shooting legs of the reference, realizations in proportion; 1 is the paper's single matchpoint.
+    profiles : tuple of k OutageProfile
+        Fixed controls (throttle, rad, rad) held during the outages, none by default; the last control of a
+        profile holds until the initial coast after the outage ends [TU].
+    """
+    return _Builder(problem, layout, n_legs, profiles).build()

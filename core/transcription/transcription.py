@@ -1,0 +1,204 @@
+"""P_k as functions of its decision vector: defects and their sparse Jacobian.
+
+Public methods take x and return physical units (days, kg, rad; km, km/s, kg).  The lifted forms, which
+the solver uses, are canonical and carry shooting nodes behind x.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from core.dynamics import ForceModel, force_model
+from core.ephemeris import EphemerisTable, body_table
+from core.orbits.spiral import departure_state
+from core.orbits.target import target_table
+from core.problem import Problem
+from core.transcription.evaluate import evaluate
+from core.transcription.guess import Guess
+from core.transcription.layout import STATE, Layout, checked_vector, layout_of
+from core.transcription.plan import OutageProfile, Structure, build_plan
+from core.units import LU_KM, MU_KG, VU_KM_S
+
+Array = NDArray[np.float64]
+
+#: Units of a state: km, km/s, kg per canonical unit.
+STATE_SCALE = np.array([LU_KM] * 3 + [VU_KM_S] * 3 + [MU_KG])
+
+#: Default tolerance of the integrator.
+TOLERANCE = 1e-9
+
+
+class Transcription:
+    """One problem with fixed options; its evaluations are pure functions of their vectors.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem P_k.
+    n_legs : int
+        Shooting legs of the lifted form [-]; x and its defects do not depend on it.
+    tolerance : float
+        Of the integrator, relative and absolute in canonical units [-].
+    profiles : tuple of k OutageProfile
+        Controls held during the outages, see `core.transcription.plan`; none by default.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        n_legs: int = 10,
+        tolerance: float = TOLERANCE,
+        profiles: tuple[OutageProfile, ...] = (),
+    ) -> None:
+        if n_legs < 1:
+            raise ValueError(f"n_legs: expected at least 1, got {n_legs}")
+        if not 1e-14 <= tolerance <= 1e-3:
+            raise ValueError(f"tolerance: expected 1e-14 .. 1e-3, got {tolerance}")
+        self.problem = problem
+        self.n_legs = n_legs
+        self.tolerance = tolerance
+        self.layout: Layout = layout_of(problem)
+        self.setting = _setting(problem.model_copy(update={"outages": ()}))
+        self.plain: Structure = build_plan(problem, self.layout, 1, profiles)
+        self.lifted: Structure = build_plan(problem, self.layout, n_legs, profiles)
+        self.scale = self.layout.scale()
+
+    @property
+    def n_variables(self) -> int:
+        """Length of x."""
+        return self.layout.n_variables
+
+    @property
+    def n_defects(self) -> int:
+        """Number of defects: seven per trajectory."""
+        return STATE * len(self.layout.trajectories)
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Lower and upper bounds of x, each (n_variables,) [days, rad, kg]."""
+        return self.layout.bounds(self.problem, self.start_mass_kg)
+
+    @property
+    def start_mass_kg(self) -> float:
+        """Mass m(t0) [kg]."""
+        return float(self.setting.departure[6] * MU_KG)
+
+    def defects(self, x: Array) -> Array:
+        """Return forward minus backward states at the matchpoints.
+
+        Parameters
+        ----------
+        x : (n_variables,) array
+            Decision vector [days, rad, kg].
+
+        Returns
+        -------
+        (n_defects,) array
+            (x, y, z [km], vx, vy, vz [km/s], m [kg]) of each trajectory, J2000; NaN when it cannot be flown.
+
+        Raises
+        ------
+        ValueError
+            When x has another shape or is not finite.
+        """
+        z = checked_vector(self.layout, x) / self.scale
+        defects, _ = self.evaluate(self.plain, z, with_partials=False)
+        return np.asarray(defects * np.tile(STATE_SCALE, self.n_defects // STATE))
+
+    def jacobian(self, x: Array) -> csr_array:
+        """Return d defects / d x with a sparsity that does not depend on x.
+
+        Parameters
+        ----------
+        x : (n_variables,) array
+            Decision vector [days, rad, kg].
+
+        Returns
+        -------
+        (n_defects, n_variables) CSR array
+            Partials in the units of `defects` over those of x.
+
+        Raises
+        ------
+        ValueError
+            When x has another shape or is not finite.
+
+        References
+        ----------
+        docs/method.md, eqs. 9-20.
+        """
+        z = checked_vector(self.layout, x) / self.scale
+        _, values = self.evaluate(self.plain, z, with_partials=True)
+        rows, columns = self.plain.rows, self.plain.columns
+        values = values * STATE_SCALE[rows % STATE] / self.scale[columns]
+        return csr_array((values, (rows, columns)), shape=(self.n_defects, self.n_variables))
+
+    def lift(self, guess: Array | Guess) -> Array:
+        """Return the canonical lifted vector of a guess.
+
+        Its nodes lie on the two propagated halves of x, so that only the matchpoint defects are not zero, or
+        on the states that the guess brings along.
+        """
+        z = np.zeros(self.lifted.n_variables)
+        z[: self.n_variables] = checked_vector(self.layout, guess) / self.scale
+        if isinstance(guess, Guess) and guess.states is not None:
+            for (trajectory, boundary), place in self.lifted.nodes.items():
+                z[place : place + STATE] = guess.states[trajectory][boundary - 1]
+        else:
+            self._run(self.lifted, z, lift=True, with_partials=False)
+        return z
+
+    def drop_nodes(self, z: Array) -> Array:
+        """Return x of a lifted vector."""
+        return z[: self.n_variables] * self.scale
+
+    def evaluate(self, structure: Structure, z: Array, with_partials: bool) -> tuple[Array, Array]:
+        """Return canonical defects (7 n_blocks,) and the values of the sparse Jacobian, NaN if not flown."""
+        return self._run(structure, z, lift=False, with_partials=with_partials)
+
+    def _run(self, structure: Structure, z: Array, lift: bool, with_partials: bool) -> tuple[Array, Array]:
+        plan, setting = structure.plan, self.setting
+        ends = np.zeros((len(plan.leg_start), STATE))
+        defects = np.empty(STATE * len(plan.block_plus))
+        values = np.empty(plan.block_values[-1] if with_partials else 0)
+        status = evaluate(
+            setting.model, setting.target, setting.departure, plan, z, self.tolerance, lift, with_partials,
+            ends, defects, values,
+        )  # fmt: skip
+        if status < 0:
+            defects[:] = np.nan
+            values[:] = np.nan
+        return defects, values[structure.places] if with_partials else values
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Setting:
+    """What all P_k of a family share."""
+
+    model: ForceModel
+    target: EphemerisTable
+    departure: Array
+
+
+@lru_cache(maxsize=8)
+def _setting(reference: Problem) -> _Setting:
+    et, position, velocity, mass = departure_state(reference.departure, reference.spacecraft)
+    bodies = body_table(et, -5.0, 205.0)
+    departure = np.concatenate([position, velocity, [mass]]) / STATE_SCALE
+    return _Setting(force_model(reference, bodies), target_table(reference), departure)
+
+
+def transcribe(
+    problem: Problem, n_legs: int = 10, tolerance: float = TOLERANCE, profiles: tuple[OutageProfile, ...] = ()
+) -> Transcription:
+    """Return the transcription of a problem; see `Transcription` for the parameters."""
+    transcription = Transcription(problem, n_legs, tolerance, profiles)
+    # The first evaluation of each kind compiles: that must not be charged to a solve.
+    lower, upper = transcription.bounds
+    middle = 0.5 * (lower + upper)
+    transcription.defects(middle)
+    transcription.jacobian(middle)
+    return transcription
