@@ -1,0 +1,69 @@
+"""How a solve is asked for, and what it returns."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class ExitStatus(Enum):
+    """How a solve ended; the value is the sentence shown to the user."""
+
+    OPTIMAL = "All defects and bounds hold, and the propellant is a local minimum to tolerance."
+    ACCEPTABLE = "All defects and bounds hold; the propellant settled short of the optimality tolerance."
+    FEASIBLE_AT_LIMIT = (
+        "All defects and bounds hold, but a limit came before the optimum; allow more iterations."
+    )
+    ITERATION_LIMIT = (
+        "The iteration limit came before the defects closed; raise max_iterations or start from a seed."
+    )
+    TIMEOUT = "The CPU deadline came before the defects closed; raise cpu_seconds or start from a seed."
+    STOPPED = "The solve was asked to stop; nothing is wrong with the guess."
+    LOCALLY_INFEASIBLE = "The solver settled where defects remain; hop again, or shorten the outage."
+    STALLED = "The steps became too small while defects remain; hop again, or start from a seed."
+    NOT_FINITE = "A state or a partial was not finite; check for a passage through a body."
+    SOLVER_FAILURE = "The solver gave up for a reason of its own; hop again."
+
+
+@dataclass(frozen=True, slots=True)
+class SolveSettings:
+    """Limits of one solve; both are multiplied by 1 + k, so that P_k may do k + 1 times the work of P_0."""
+
+    #: CPU time after which the solve ends, whatever it has [s].
+    cpu_seconds: float = 30.0
+    #: Iterations of the solver, all phases together [-].
+    max_iterations: int = 1500
+
+    def __post_init__(self) -> None:
+        """Refuse limits under which nothing can be solved."""
+        if not (np.isfinite(self.cpu_seconds) and self.cpu_seconds > 0):
+            raise ValueError(f"cpu_seconds: expected a positive number, got {self.cpu_seconds}")
+        if self.max_iterations < 1:
+            raise ValueError(f"max_iterations: expected at least 1, got {self.max_iterations}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """What a solve returns, feasible or not."""
+
+    status: ExitStatus
+    #: (n_variables,) best decision vector found: the best feasible one, else the least infeasible.
+    x: Array
+    #: Final mass of the reference [kg]; more is better.
+    objective: float
+    #: Largest defect over its strict tolerance [-]; at most 1 where x is feasible.
+    violation: float
+    #: (1 + k, 7) defects of x [km, km/s, kg].
+    defects: Array
+    n_iterations: int
+    #: Evaluations of the defects, with or without partials.
+    n_evaluations: int
+    cpu_seconds: float
+
+    @property
+    def is_feasible(self) -> bool:
+        """Whether every defect is within the strict tolerance, as solved; `core.analysis.verify` decides."""
+        return self.violation <= 1.0
