@@ -5,6 +5,7 @@ What flows in: TOML, JSON or keyword arguments.  What flows out: a frozen `Probl
 """
 
 import hashlib
+import itertools
 import json
 import re
 import tomllib
@@ -74,7 +75,9 @@ class Spacecraft(_Strict):
     @model_validator(mode="after")
     def _masses_ordered(self) -> Self:
         if self.dry_mass_kg >= self.wet_mass_kg:
-            raise ValueError(f"expected dry_mass_kg < wet_mass_kg, got {self.dry_mass_kg} >= {self.wet_mass_kg}")
+            raise ValueError(
+                f"expected dry_mass_kg < wet_mass_kg, got {self.dry_mass_kg} >= {self.wet_mass_kg}"
+            )
         return self
 
 
@@ -211,7 +214,7 @@ class Problem(_Strict):
                     f"got {outage.segment}"
                 )
         ordered = sorted(self.outages, key=lambda outage: (outage.segment, outage.duration_days))
-        for first, second in zip(ordered, ordered[1:], strict=False):
+        for first, second in itertools.pairwise(ordered):
             if first == second:
                 raise ValueError(
                     f"outages: expected different outages, got segment {first.segment} with "
@@ -225,7 +228,7 @@ class Problem(_Strict):
         start = self.departure.mass_kg if isinstance(self.departure, StateDeparture) else MU_KG
         if isinstance(self.departure, StateDeparture) and start > self.spacecraft.wet_mass_kg:
             raise ValueError(
-                f"departure.mass_kg: expected at most wet_mass_kg = {self.spacecraft.wet_mass_kg}, got {start}"
+                f"departure.mass_kg: expected at most wet_mass_kg {self.spacecraft.wet_mass_kg}, got {start}"
             )
         if self.bounds.min_final_mass_kg >= self.spacecraft.wet_mass_kg:
             raise ValueError(
@@ -325,7 +328,9 @@ def load_problem(path_or_preset: str | Path) -> Problem:
         table = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
     except (OSError, UnicodeDecodeError, ValueError) as error:
         names = ", ".join(presets())
-        raise ProblemError(f"problem: expected a preset ({names}) or a readable file, got {path}: {error}") from error
+        raise ProblemError(
+            f"problem: expected a preset ({names}) or a readable file, got {path}: {error}"
+        ) from error
     return problem_from(table.get("problem", table) if isinstance(table, dict) else table)
 
 
@@ -375,9 +380,12 @@ def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
     merged = dict(base)
     for key, value in changes.items():
         old = merged.get(key)
-        same_kind = isinstance(value, Mapping) and isinstance(old, Mapping)
-        if same_kind and value.get("kind", old.get("kind")) == old.get("kind"):
+        if isinstance(value, Mapping) and isinstance(old, Mapping) and _same_kind(value, old):
             merged[key] = _merged(old, value)
         else:
             merged[key] = value
     return merged
+
+
+def _same_kind(changes: Mapping[str, Any], base: Mapping[str, Any]) -> bool:
+    return bool(changes.get("kind", base.get("kind")) == base.get("kind"))

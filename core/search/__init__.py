@@ -1,0 +1,21 @@
+"""The search: where guesses come from, and which outcome a chain goes on from."""
+
+from core.search.addresses import HopAddress, hop_rng
+from core.search.continuation import solve_seed
+from core.search.guess_laws import GUESS_LAWS, sample_guess
+from core.search.hopping import HOP_LAWS, Chain, hop, is_better
+from core.search.mapping import MAPPINGS, map_seed
+
+__all__ = [
+    "GUESS_LAWS",
+    "HOP_LAWS",
+    "MAPPINGS",
+    "Chain",
+    "HopAddress",
+    "hop",
+    "hop_rng",
+    "is_better",
+    "map_seed",
+    "sample_guess",
+    "solve_seed",
+]
