@@ -27,6 +27,7 @@ class LivePage {
     this.fetchedAt = 0;
     this.lastHeard = new Date();
     this.wantsSolutions = true;
+    this.wantsRefresh = false;
     /** @type {number | undefined} */
     this.pending = undefined;
   }
@@ -78,10 +79,20 @@ class LivePage {
   /** @param {string} kind */
   onEvent(kind) {
     if (kind === "solution" || kind === "reconnected") this.wantsSolutions = true;
-    this.pending ??= window.setTimeout(() => {
+    this.wantsRefresh = true;
+    this.scheduleRefresh();
+  }
+
+  /** Refresh at once after a quiet second, else when the second is over; never twice at a time. */
+  scheduleRefresh() {
+    if (this.pending !== undefined || !this.wantsRefresh) return;
+    const wait = Math.max(0, REFRESH_MS - (performance.now() - this.fetchedAt));
+    this.pending = window.setTimeout(async () => {
+      this.wantsRefresh = false;
+      await this.refresh();
       this.pending = undefined;
-      this.refresh();
-    }, REFRESH_MS);
+      this.scheduleRefresh();
+    }, wait);
   }
 
   /** @param {import("./live.js").Connection} connection */

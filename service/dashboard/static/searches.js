@@ -35,7 +35,7 @@ function card(search) {
 
 /** @param {Search} search */
 function about(search) {
-  if (search.k === 0) return "Uniform guesses and hops; no outage to survive.";
+  if (search.k === 0) return "Guesses drawn at random, improved by hops; no outage to survive.";
   const source = search.seeds_from ? `Seeds from ${search.seeds_from}, mapped “${search.mapping}”. ` : "";
   return `${source}Survives ${search.k === 1 ? "an outage" : `${search.k} outages`}: ${outages(search.outages)}.`;
 }

@@ -235,7 +235,7 @@ function layout(frame, aspectratio, isNarrow) {
       xaxis: axis("x"),
       yaxis: axis("y"),
       zaxis: axis("z", frame === "moon" ? 6 : 3),
-      camera: { eye: { x, y, z }, center: { x: 0, y: 0, z: -0.04 } },
+      camera: { eye: { x, y, z }, center: { x: 0, y: 0, z: frame === "rotating" ? -0.1 : -0.04 } },
       uirevision: frame,
     },
   };
