@@ -16,6 +16,10 @@ Array = NDArray[np.float64]
 #: Weight of the final mass in the objective: measured, docs/decisions/0001-solver-settings.md.
 WEIGHT = 0.1
 
+#: Tolerance of the integrator when a solution is closed and judged: over 90 days the default one is off by
+#: up to a kilometre, this one by metres.
+FINE_TOLERANCE = 1e-12
+
 # Another integrator must agree that the point is feasible, so defects are closed well below the tolerance.
 _WELL_CLOSED, _TOO_FAR = 0.01, 1e4
 
@@ -114,7 +118,8 @@ def outcome_of(
     transcription: Transcription, candidates: list[Array], status: ExitStatus, limits: Limits
 ) -> Outcome:
     """Return the outcome with the best of some decision vectors, judged by their physical defects."""
-    judged = [_judged(transcription, _inside(transcription, x)) for x in candidates]
+    fine = transcription.at_tolerance(FINE_TOLERANCE)
+    judged = [_judged(fine, _inside(transcription, x)) for x in candidates]
     x, defects, worst = min(judged, key=lambda entry: _rank(transcription, *entry))
     if worst <= 1.0 and status not in _ENDED_WELL:
         status = ExitStatus.FEASIBLE_AT_LIMIT

@@ -129,7 +129,7 @@ def checked_vector(layout: Layout, x: object) -> Array:
     if vector.shape != (layout.n_variables,):
         raise ValueError(
             f"decision vector: expected shape ({layout.n_variables},) for "
-            f"{layout.reference.n_segments} segments and {len(layout.trajectories) - 1} outages, got {vector.shape}"
+            f"{layout.reference.n_segments} segments, k = {len(layout.trajectories) - 1}, got {vector.shape}"
         )
     if not np.all(np.isfinite(vector)):
         raise ValueError(

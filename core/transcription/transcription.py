@@ -4,6 +4,7 @@ Public methods take x and return physical units (days, kg, rad; km, km/s, kg).  
 the solver uses, are canonical and carry shooting nodes behind x.
 """
 
+from copy import copy
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -135,6 +136,12 @@ class Transcription:
         rows, columns = self.plain.rows, self.plain.columns
         values = values * STATE_SCALE[rows % STATE] / self.scale[columns]
         return csr_array((values, (rows, columns)), shape=(self.n_defects, self.n_variables))
+
+    def at_tolerance(self, tolerance: float) -> "Transcription":
+        """Return the same transcription with another tolerance of the integrator [-]."""
+        other = copy(self)
+        other.tolerance = tolerance
+        return other
 
     def lift(self, guess: Array | Guess) -> Array:
         """Return the canonical lifted vector of a guess.
