@@ -1,6 +1,6 @@
 """A flight as JSON, rounded to what a picture can show.
 
-Positions to 0.1 km, masses to a gram, times to a second; a sample that is not finite is null.
+Positions to a kilometre, masses to a gram, times to a second; a sample that is not finite is null.
 """
 
 from typing import Any
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from core.analysis.flight import Flight, FlownTrajectory, Path
 
 #: Decimals by what a field is measured in.
-DAYS, KM, KM_S, KG, RAD, SHARE = 5, 1, 5, 3, 4, 4
+DAYS, KM, KM_S, KG, RAD, SHARE = 5, 0, 5, 3, 4, 4
 
 
 def flight_as_json(flight: Flight) -> dict[str, Any]:
@@ -40,8 +40,6 @@ def _trajectory(flown: FlownTrajectory) -> dict[str, Any]:
         "inertial_km": _rounded(flown.inertial_km, KM),
         "rotating_km": _rounded(flown.rotating_km, KM),
         "moon_km": _rounded(flown.moon_km, KM),
-        "earth_distance_km": _rounded(flown.earth_distance_km, KM),
-        "moon_distance_km": _rounded(flown.moon_distance_km, KM),
         "speed_km_s": _rounded(flown.speed_km_s, KM_S),
         "mass_kg": _rounded(flown.mass_kg, KG),
     }
@@ -58,8 +56,12 @@ def _path(path: Path) -> dict[str, Any]:
 
 def _rounded(values: NDArray[np.float64], decimals: int) -> list[Any]:
     rounded = np.round(values, decimals)
-    # JSON has no NaN.
+    finite = np.isfinite(rounded)
     nullable: NDArray[np.object_] = rounded.astype(object)
-    nullable[~np.isfinite(rounded)] = None
+    if decimals == 0:
+        # Whole numbers travel without their ".0", a quarter of the whole.
+        nullable[finite] = rounded[finite].astype(int)
+    # JSON has no NaN.
+    nullable[~finite] = None
     plain: list[Any] = nullable.tolist()
     return plain

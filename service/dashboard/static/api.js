@@ -27,8 +27,7 @@
  * @typedef {{ kind: "coast" | "thrust" | "outage", segment: number, first: number, stop: number,
  *   throttle: number, in_plane_rad: number, out_of_plane_rad: number }} Arc
  * @typedef {{ outage: Outage | null, arcs: Arc[], matchpoint: number, days: number[], inertial_km: number[][],
- *   rotating_km: number[][], moon_km: number[][], earth_distance_km: number[], moon_distance_km: number[],
- *   speed_km_s: number[], mass_kg: number[] }} Trajectory
+ *   rotating_km: number[][], moon_km: number[][], speed_km_s: number[], mass_kg: number[] }} Trajectory
  * @typedef {{ days: number[], inertial_km: number[][], rotating_km: number[][], moon_km: number[][] }} Path
  * @typedef {{ trajectories: Trajectory[], moon: Path, target: Path }} Flight
  */

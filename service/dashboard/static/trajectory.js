@@ -61,8 +61,8 @@ function trajectoryTraces(trajectory, index, frame) {
   const told = trajectory.days.map(
     (day, i) =>
       `${name}, ${number(day, 2, "d")}<br>${number(trajectory.mass_kg[i], 1, "kg")}, ` +
-      `${number(trajectory.speed_km_s[i], 3, "km/s")}<br>Earth ${number(trajectory.earth_distance_km[i], 0, "km")}, ` +
-      `Moon ${number(trajectory.moon_distance_km[i], 0, "km")}`,
+      `${number(trajectory.speed_km_s[i], 3, "km/s")}<br>Earth ${number(distance(trajectory.inertial_km[i]), 0, "km")}, ` +
+      `Moon ${number(distance(trajectory.inertial_km[i], trajectory.moon_km[i]), 0, "km")}`,
   );
   const main = index === 0 ? colour("reference") : realizationColour(index);
   const faint = index === 0 ? colour("coast") : main;
@@ -75,6 +75,14 @@ function trajectoryTraces(trajectory, index, frame) {
     const [chosen, texts] = arcsOf(trajectory, kind, points, told);
     return { ...line(`${name}, ${kind}`, chosen, styles[kind]), text: texts, hovertemplate: "%{text}<extra></extra>" };
   });
+}
+
+/**
+ * @param {number[]} place
+ * @param {number[]} [from] the Earth's centre if left out
+ */
+function distance(place, from = [0, 0, 0]) {
+  return Math.hypot(...place.map((value, axis) => value - from[axis]));
 }
 
 /**
@@ -110,8 +118,8 @@ function placed(inertial, rotating, moon, frame) {
   if (frame === "rotating") return /** @type {Point[]} */ (rotating);
   if (frame === "inertial") return /** @type {Point[]} */ (inertial);
   return inertial.map((row, i) => {
-    const away = row.map((value, axis) => value - moon[i][axis]);
-    return /** @type {Point} */ (Math.hypot(...away) < MOON_REACH_KM ? away : [null, null, null]);
+    if (!(distance(row, moon[i]) < MOON_REACH_KM)) return [null, null, null];
+    return /** @type {Point} */ (row.map((value, axis) => value - moon[i][axis]));
   });
 }
 
@@ -222,7 +230,7 @@ function layout(frame, aspectratio, isNarrow) {
     showbackground: false,
     showspikes: false,
   });
-  const eyes = { rotating: [0.1, -0.94, 0.74], inertial: [0.36, -0.76, 1.06], moon: [1.0, -1.05, 0.33] };
+  const eyes = { rotating: [0.1, -1.02, 0.8], inertial: [0.36, -0.76, 1.06], moon: [1.0, -1.05, 0.33] };
   // A narrow picture shows all of the scene from further away.
   const [x, y, z] = eyes[frame].map((value) => value * (isNarrow ? 1.3 : 1));
   return {
@@ -235,7 +243,7 @@ function layout(frame, aspectratio, isNarrow) {
       xaxis: axis("x"),
       yaxis: axis("y"),
       zaxis: axis("z", frame === "moon" ? 6 : 3),
-      camera: { eye: { x, y, z }, center: { x: 0, y: 0, z: frame === "rotating" ? -0.1 : -0.04 } },
+      camera: { eye: { x, y, z }, center: { x: 0, y: 0, z: frame === "rotating" ? -0.08 : -0.04 } },
       uirevision: frame,
     },
   };
