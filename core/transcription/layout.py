@@ -101,15 +101,17 @@ class Layout:
         for trajectory in self.trajectories:
             missed = trajectory.outage.segment if trajectory.outage else 0
             share = (problem.n_segments - missed) / problem.n_segments
-            low = np.array([box.shooting_days[0], box.initial_coast_days[0], box.final_coast_days[0]])
-            high = np.array(
-                [box.shooting_days[1] * share, box.initial_coast_days[1], box.final_coast_days[1]]
-            )
+            shooting = share * np.array(box.shooting_days)
+            times = np.stack([shooting, box.initial_coast_days, box.final_coast_days])
             control_low = [box.throttle[0], -np.pi, -np.pi / 2]
             control_high = [box.throttle[1], np.pi, np.pi / 2]
             n = trajectory.n_segments
-            lower[trajectory.offset : trajectory.stop] = [*low, *control_low * n, box.min_final_mass_kg]
-            upper[trajectory.offset : trajectory.stop] = [*high, *control_high * n, start_mass_kg]
+            lower[trajectory.offset : trajectory.stop] = [
+                *times[:, 0],
+                *control_low * n,
+                box.min_final_mass_kg,
+            ]
+            upper[trajectory.offset : trajectory.stop] = [*times[:, 1], *control_high * n, start_mass_kg]
         return lower, upper
 
 
