@@ -17,10 +17,22 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StrictInt, ValidationError, model_validator
 
-from core.constants import KERNEL_MD5, KERNEL_SPAN, SECONDS_PER_DAY
+from core.constants import (
+    G0,
+    GM_EARTH,
+    GM_JUPITER,
+    GM_MOON,
+    GM_SUN,
+    KERNEL_MD5,
+    KERNEL_SPAN,
+    SECONDS_PER_DAY,
+)
 from core.units import MU_KG
 
 SCHEMA_VERSION = 1
+
+# What a problem means besides its own fields.
+_WORLD = {"kernel": KERNEL_MD5, "gm": [GM_EARTH, GM_MOON, GM_SUN, GM_JUPITER], "g0": G0}
 
 
 class ProblemError(ValueError):
@@ -271,7 +283,8 @@ class Problem(_Strict):
     def hash(self) -> str:
         """Identity of the problem: its definition, its kernels and its constants (32 hex digits)."""
         return content_hash(
-            {"schema": SCHEMA_VERSION, "kernel": KERNEL_MD5, "target_file": self._target_digest()}
+            {"schema": SCHEMA_VERSION, "target_file": self._target_digest()}
+            | _WORLD
             | self.model_dump(mode="json", exclude={"target": {"path"}})
         )
 
