@@ -188,7 +188,9 @@ def doctor(
 
 def main() -> None:
     """Run the command line."""
-    signal.signal(signal.SIGTERM, _as_interrupt)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        # A shell starts background jobs deaf to SIGINT; whoever sends one means it.
+        signal.signal(number, _as_interrupt)
     try:
         app()
     except USER_ERRORS as error:

@@ -27,10 +27,11 @@ def submitted(store: Store, fields=None) -> int:
     return store.submit(spec_from(fields or spec_fields()))[0]
 
 
-def finish(store: Store, executor=None, n_steps=10_000) -> None:
+def finish(store: Store, executor=None, n_steps=10_000, before_step=lambda n: None) -> None:
     """Work on everything until nothing is left, or for so many steps."""
     dispatcher = Dispatcher(LocalSource(store, None), executor or Inline(run_fake), worker="test")
-    for _ in range(n_steps):
+    for n in range(n_steps):
+        before_step(n)
         if not dispatcher.step() and all(item.state == "done" for item in store.campaigns()):
             return
 

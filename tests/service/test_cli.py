@@ -44,7 +44,12 @@ def spec_file(tmp_path):
 def start(tmp_path, *arguments, runner="run_fake"):
     command = [sys.executable, "-m", "tests.service.fake_coastarc", runner, *map(str, arguments)]
     return subprocess.Popen(
-        [*command, "--data", str(tmp_path)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        [*command, "--data", str(tmp_path)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        # As a shell starts what stands before an `&`.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),
     )
 
 

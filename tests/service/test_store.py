@@ -1,3 +1,5 @@
+import os
+import signal
 import sqlite3
 
 import pytest
@@ -147,6 +149,25 @@ def test_what_a_dead_process_left_running_is_finished_with_the_same_result(store
     store.claim("a process that dies", 2)
     assert store.recover() == 2
     finish(store)
+    assert content(store) == content(undisturbed)
+    undisturbed.close()
+
+
+def test_killing_workers_changes_nothing_in_what_is_found(store, tmp_path):
+    undisturbed = Store(folder_in(tmp_path, "other"))
+    submitted(undisturbed)
+    finish(undisturbed)
+    submitted(store)
+    pool = ProcessPool(2, "tests.workers.fake:run_slowly")
+
+    def kill_one_that_works(n):
+        busy = [pid for pid, ticket in pool.processes().items() if ticket is not None]
+        if busy and n in (1, 4):  # two, since three would make one job dead
+            os.kill(busy[0], signal.SIGKILL)
+
+    finish(store, pool, before_step=kill_one_that_works)
+    pool.close()
+    assert ("crash",) in rows(store, "SELECT DISTINCT ending FROM attempt")
     assert content(store) == content(undisturbed)
     undisturbed.close()
 

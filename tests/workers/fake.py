@@ -101,6 +101,12 @@ def run_until_stopped(job, stop):
     return JobOutcome(ending=Ending.CANCELLED, provenance=PROVENANCE)
 
 
+def run_slowly(job, stop):
+    """Answer after long enough for a test to interfere."""
+    time.sleep(0.15)
+    return run_fake(job, stop)
+
+
 def run_deaf(job, stop):
     """Never look at the flag."""
     time.sleep(600)
