@@ -27,7 +27,6 @@ from core.constants import (
     KERNEL_SPAN,
     SECONDS_PER_DAY,
 )
-from core.units import MU_KG
 
 SCHEMA_VERSION = 1
 
@@ -237,16 +236,14 @@ class Problem(_Strict):
 
     @model_validator(mode="after")
     def _masses_possible(self) -> Self:
-        start = self.departure.mass_kg if isinstance(self.departure, StateDeparture) else MU_KG
-        if isinstance(self.departure, StateDeparture) and start > self.spacecraft.wet_mass_kg:
-            raise ValueError(
-                f"departure.mass_kg: expected at most wet_mass_kg {self.spacecraft.wet_mass_kg}, got {start}"
-            )
-        if self.bounds.min_final_mass_kg >= self.spacecraft.wet_mass_kg:
-            raise ValueError(
-                f"bounds.min_final_mass_kg: expected less than wet_mass_kg = {self.spacecraft.wet_mass_kg}, "
-                f"got {self.bounds.min_final_mass_kg}"
-            )
+        wet, least = self.spacecraft.wet_mass_kg, self.bounds.min_final_mass_kg
+        start, name = wet, "spacecraft.wet_mass_kg"
+        if isinstance(self.departure, StateDeparture):
+            start, name = self.departure.mass_kg, "departure.mass_kg"
+        if start > wet:
+            raise ValueError(f"departure.mass_kg: expected at most wet_mass_kg {wet}, got {start}")
+        if least >= start:
+            raise ValueError(f"bounds.min_final_mass_kg: expected less than {name} = {start}, got {least}")
         return self
 
     @model_validator(mode="after")
