@@ -286,7 +286,9 @@ class _Builder:
         mass = np.any([leg.mass_times for leg in legs], axis=0)
         variables = list(self._times(legs[0].trajectory))
         for leg in legs:
-            used, mass = np.append(used, [True] * len(leg.variables)), np.append(mass, leg.mass)
+            # A leg may have no variables: without a type, its empty list would be one of floats.
+            used = np.append(used, np.ones(len(leg.variables), dtype=bool))
+            mass = np.append(mass, np.array(leg.mass, dtype=bool))
             variables.extend(leg.variables)
         pattern = np.vstack([np.tile(used, (6, 1)), mass & used])
         if node >= 0:
