@@ -13,8 +13,10 @@ from platformdirs import user_data_path
 from pydantic import BaseModel, TypeAdapter
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from service import report
+from service.api.schemas import CampaignView, JobView
 from service.cli_run import announce, run_to_end, serve_until_interrupted
 from service.coordinator import Coordinator, CoordinatorError
 from service.db.engine import DatabaseError
@@ -81,7 +83,16 @@ def run(
                 console.print(f"Going on with campaign {campaign_id}, which was begun before.")
             is_finished = run_to_end(console, coordinator, campaign_id, workers)
         view = coordinator.store.campaign(campaign_id)
+        dead = coordinator.store.jobs(campaign_id, None, "dead", limit=1).items
+    _conclude(view, dead, is_finished)
+
+
+def _conclude(view: CampaignView, dead: list[JobView], is_finished: bool) -> None:
     console.print(report.summary(view))
+    if dead:
+        n_dead = sum(search.jobs.dead for search in view.searches)
+        _complain(f"{n_dead} jobs failed, the first with: {dead[0].error}")
+        raise typer.Exit(1)
     if not is_finished:
         console.print("Interrupted; every result is kept, and the same command goes on.")
         raise typer.Exit(130)
@@ -194,10 +205,15 @@ def main() -> None:
     try:
         app()
     except USER_ERRORS as error:
-        errors.print(f"[red]error:[/red] {error}", highlight=False, soft_wrap=True)
+        _complain(str(error))
         sys.exit(2)
     except KeyboardInterrupt:
         sys.exit(130)
+
+
+def _complain(message: str) -> None:
+    # As text: what users typed may look like markup.
+    errors.print(Text.assemble(("error: ", "red"), message), soft_wrap=True)
 
 
 def _as_interrupt(*_: Any) -> None:

@@ -17,7 +17,7 @@ LOG_PERIOD_S = 20.0
 def announce(console: Console, coordinator: Coordinator) -> None:
     """Print where to look."""
     console.print(f"Live page: {coordinator.url}", highlight=False)
-    console.print(f"Archive:   {coordinator.store.folder}", highlight=False, soft_wrap=True)
+    console.print(f"Archive:   {coordinator.store.folder}", highlight=False, soft_wrap=True, markup=False)
 
 
 def run_to_end(console: Console, coordinator: Coordinator, campaign_id: int, n_workers: int) -> bool:

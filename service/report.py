@@ -6,6 +6,7 @@ from datetime import timedelta
 from rich import box
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from core.analysis.metrics import feasibility_ratio
 from service.api.schemas import CampaignItem, CampaignView, Record, SearchView
@@ -110,7 +111,7 @@ def solution_list(records: Sequence[Record]) -> Table:
 def print_record(console: Console, record: Record) -> None:
     """Print every field of a solution but its vector."""
     for name, value in record.model_dump(mode="json", exclude={"x", "verification"}).items():
-        console.print(f"[bold]{name}[/bold]: {value}", soft_wrap=True, highlight=False)
+        console.print(Text.assemble((name, "bold"), f": {value}"), soft_wrap=True)
 
 
 def _shown(value: float | None, digits: int) -> str:

@@ -75,6 +75,12 @@ def test_run_says_where_the_page_is_and_ends_with_a_summary(coastarc, spec_file)
     assert "test: done" in printed and re.search(r"S\(1\|0\).* 100\.0 .*\n +\d+\.?\d*-100 ", printed)
 
 
+def test_a_run_whose_jobs_fail_says_so(coastarc, spec_file, monkeypatch):
+    monkeypatch.setattr(cli_run, "ProcessPool", lambda n: ProcessPool(n, "tests.workers.fake:run_broken"))
+    code, _, printed = coastarc("run", spec_file)
+    assert code == 1 and "4 jobs failed, the first with: ZeroDivisionError: oh" in printed
+
+
 def test_a_finished_campaign_run_again_prints_its_summary_and_does_nothing(coastarc, spec_file, tmp_path):
     coastarc("run", spec_file)
     with Store(tmp_path, read_only=True) as store:
@@ -109,6 +115,7 @@ def test_tables_for_people(coastarc, spec_file):
     ("arguments", "reason"),
     [
         (("run", "nowhere.toml"), "spec: expected a readable .toml or .json file, got nowhere.toml"),
+        (("run", "[red]x[/nonsense].toml"), "got [red]x[/nonsense].toml"),
         (("solutions", "list"), "archive: expected a file"),
         (("status",), "run a campaign first"),
     ],

@@ -101,6 +101,13 @@ def run_until_stopped(job, stop):
     return JobOutcome(ending=Ending.CANCELLED, provenance=PROVENANCE)
 
 
+def run_broken(job, stop):
+    """Fail as a bug of ours does."""
+    return JobOutcome(
+        ending=Ending.ERROR, error="Traceback ...\nZeroDivisionError: oh", provenance=PROVENANCE
+    )
+
+
 def run_slowly(job, stop):
     """Answer after long enough for a test to interfere."""
     time.sleep(0.15)
