@@ -20,7 +20,8 @@ CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", 
 pytestmark = [
     pytest.mark.browser,
     pytest.mark.skipif(
-        CHROMIUM is None and "COASTARC_REQUIRE_BROWSER" not in os.environ, reason="no Chromium on this machine"
+        CHROMIUM is None and "COASTARC_REQUIRE_BROWSER" not in os.environ,
+        reason="no Chromium on this machine",
     ),
 ]
 FLAGS = [
