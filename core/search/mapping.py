@@ -20,6 +20,7 @@ from core.transcription import (
     ReferencePath,
     TrajectoryLayout,
     Transcription,
+    checked_vector,
     control_of,
     layout_of,
     throttle_of,
@@ -55,16 +56,16 @@ def map_seed(problem_from: Problem, x: Array, problem_to: Problem, mapping: str 
     Raises
     ------
     ValueError
-        When the mapping is unknown, or the problems are not of one family with k' < k.
+        When the mapping is unknown, the problems are not a family with k' < k, or x is no vector of P_k'.
     """
     if mapping not in MAPPINGS:
         raise ValueError(f"mapping: expected one of {', '.join(MAPPINGS)}, got {mapping!r}")
     _check_family(problem_from, problem_to)
-    target = transcribe(problem_to)
-    reference = np.asarray(x, dtype=float)[: layout_of(problem_from).reference.stop]
+    layout = layout_of(problem_from)
+    seed, target = checked_vector(layout, x), transcribe(problem_to)
     if mapping == "reference":
-        return Guess(onto_realizations(target, reference))
-    return _aligned(target, problem_from, np.asarray(x, dtype=float))
+        return Guess(onto_realizations(target, seed[: layout.reference.stop]))
+    return _aligned(target, problem_from, seed)
 
 
 def _check_family(problem_from: Problem, problem_to: Problem) -> None:
