@@ -70,7 +70,7 @@ def propagate(
     d_mass_rate : (3,) array
         d mass_rate / d control.
     tolerance : float
-        Bound on the estimated error of a step, relative and absolute in LU and VU.
+        Bound on the estimated error of a step, relative and absolute [LU, VU].
     r, v : (3, STATE or COAST or THRUST) arrays
         Columns at t_a on entry, at t_b on return.
     ends : (2, 3) array

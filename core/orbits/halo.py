@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 #: Bound on the residual of the symmetry conditions [LU, LU/TU]; rounding at perilune leaves 2e-13.
 TOLERANCE = 5e-13
 
-# An orbit of the family to start from: period; x, z and vy at apolune; docs/method.md, table (O1).
+# An orbit of the family to start from: period; x, z and vy at apolune; docs/method.md, section 11.
 _KNOWN_PERIOD = 1.5111964
 _KNOWN_APOLUNE = np.array([1.0220279848, -0.1821012438, -0.1032704533])
 # Perilune magnifies every change at apolune: Newton along the tangent still converges over twice this.
