@@ -66,7 +66,7 @@ def test_the_gradient_has_no_trace_as_laplace_demands():
 def test_the_force_model_has_the_numbers_of_the_problem_in_canonical_units():
     problem = load_problem("ppe-drm3")
     model = force_model(problem, body_table(seconds_past_j2000(problem.departure.epoch), -1.0, 1.0))
-    # LU 384,400 km and TU 375,190.25852 s: Spreen 2021, table A.1; they make GM_Earth + GM_Moon 1 to 1e-8.
+    # LU 384,400 km and TU 375,190.25852 s, which make GM_Earth + GM_Moon 1 to 1e-8.
     factor = 375190.25852**2 / 384400.0**3
     expected = np.array([GM_EARTH, GM_MOON, GM_SUN, GM_JUPITER]) * factor
     np.testing.assert_allclose(model.gm, expected, rtol=1e-14)
