@@ -6,6 +6,7 @@ docs/method.md.  The layout of x, the segments and the outages are read here a s
 no line is shared with `core.transcription` or `core.dynamics`, so a common mistake has nowhere to hide.
 """
 
+import functools
 import hashlib
 from dataclasses import dataclass
 from math import pi
@@ -15,11 +16,14 @@ from typing import NamedTuple
 import numpy as np
 
 from core.analysis.reflight import INTEGRATOR, RTOL, Array, Pilot, Unflyable
-from core.constants import G0, KERNEL_MD5, SECONDS_PER_DAY
-from core.ephemeris.kernels import furnish
+from core.constants import G0, SECONDS_PER_DAY
+from core.ephemeris.kernels import check_kernels, furnish, kernel_hashes, one_at_a_time
 from core.orbits import departure_state, target_kernel
 from core.problem import Problem
 from core.tolerances import PAPER, STRICT, Tolerance
+
+# The planetary kernel; epochs are TDB throughout, so the leap seconds play no part.
+_PLANETS = "de440.bsp"
 
 #: Share of a bound's width by which x may pass it: IPOPT itself relaxes bounds by 1e-8.
 BOUND_SLACK = 1e-7
@@ -87,6 +91,7 @@ class _Flown(NamedTuple):
     failure: str
 
 
+@one_at_a_time
 def verify(problem: Problem, x: Array) -> Verification:
     """Fly the reference and every realization of x again and weigh the defects.
 
@@ -116,6 +121,7 @@ def verify(problem: Problem, x: Array) -> Verification:
     docs/method.md, "Verification".
     """
     plans = _plans(problem, x)
+    check_kernels()
     kernel, naif_id = target_kernel(problem)
     furnish(kernel)
     flights, n_evaluations = _fly_all(problem, plans, naif_id)
@@ -136,7 +142,10 @@ def verify(problem: Problem, x: Array) -> Verification:
         failure="; ".join(_named(flights)),
         integrator=INTEGRATOR,
         tolerance=RTOL,
-        kernels=(("de440.bsp", KERNEL_MD5), (kernel.name, _digest(kernel))),
+        kernels=(
+            (_PLANETS, kernel_hashes()[_PLANETS]),
+            (kernel.name, _digest(kernel, kernel.stat().st_mtime_ns)),
+        ),
         n_evaluations=n_evaluations,
     )
 
@@ -274,5 +283,6 @@ def _named(flights: list[_Flown]) -> list[str]:
     return [f"{name} {flown.failure}" for name, flown in zip(names, flights, strict=True) if flown.failure]
 
 
-def _digest(kernel: Path) -> str:
+@functools.cache
+def _digest(kernel: Path, changed: int) -> str:
     return hashlib.blake2b(kernel.read_bytes(), digest_size=16).hexdigest()

