@@ -30,6 +30,9 @@ from core.constants import (
 
 SCHEMA_VERSION = 1
 
+#: Longest outage that a problem may ask for [days].
+LONGEST_OUTAGE_DAYS = 20.0
+
 # What a problem means besides its own fields.
 _WORLD = {"kernel": KERNEL_MD5, "gm": [GM_EARTH, GM_MOON, GM_SUN, GM_JUPITER], "g0": G0}
 
@@ -196,7 +199,7 @@ class Outage(_Strict):
     #: Segment of the reference at whose start the thruster stops, from 1.
     segment: Annotated[StrictInt, Field(ge=1)]
     #: How long it stays off [days].
-    duration_days: Annotated[float, Field(gt=0, le=20)]
+    duration_days: Annotated[float, Field(gt=0, le=LONGEST_OUTAGE_DAYS)]
 
 
 class Problem(_Strict):
@@ -263,13 +266,14 @@ class Problem(_Strict):
 
     @property
     def latest_arrival_days(self) -> float:
-        """Latest arrival that the bounds admit, counted from the departure epoch [days]."""
+        """Latest arrival under any outages, counted from the departure epoch [days].
+
+        All P_k of a family fly to one target, so its span must not depend on their outages.
+        """
         bounds = self.bounds
-        coasts = bounds.initial_coast_days[1] + bounds.final_coast_days[1]
-        outage = max((o.duration_days for o in self.outages), default=0.0)
-        realization = outage + bounds.initial_coast_days[1] if self.outages else 0.0
+        coasts = 2.0 * bounds.initial_coast_days[1] + bounds.final_coast_days[1]
         spiral = getattr(self.departure, "duration_days", None) or 0.0
-        return spiral + coasts + bounds.shooting_days[1] + realization
+        return spiral + coasts + bounds.shooting_days[1] + LONGEST_OUTAGE_DAYS
 
     def with_outages(self, outages: Iterable[tuple[int, float]]) -> "Problem":
         """Return this problem with other outages, each given as (segment, duration_days)."""

@@ -15,7 +15,7 @@ from scipy.sparse import csr_array
 from core.dynamics import ForceModel, force_model
 from core.ephemeris import EphemerisTable, body_table
 from core.orbits.spiral import departure_state
-from core.orbits.target import target_table
+from core.orbits.target import target_table, window_days
 from core.problem import Problem
 from core.transcription.evaluate import evaluate
 from core.transcription.guess import Guess
@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 
 #: Units of a state: km, km/s, kg per canonical unit.
 STATE_SCALE = np.array([LU_KM] * 3 + [VU_KM_S] * 3 + [MU_KG])
+
+_ROOM_DAYS = 5.0
 
 #: Default tolerance of the integrator: a 30-day thrusting arc is right to 20 m.
 TOLERANCE = 3e-10
@@ -193,7 +195,9 @@ class _Setting:
 @lru_cache(maxsize=8)
 def _setting(reference: Problem) -> _Setting:
     et, position, velocity, mass = departure_state(reference.departure, reference.spacecraft)
-    bodies = body_table(et, -5.0, 205.0)
+    start, stop = window_days(reference)
+    # Room for pictures that follow the target past the latest arrival.
+    bodies = body_table(et, min(start, -_ROOM_DAYS), stop + _ROOM_DAYS)
     departure = np.concatenate([position, velocity, [mass]]) / STATE_SCALE
     return _Setting(force_model(reference, bodies), target_table(reference), departure)
 

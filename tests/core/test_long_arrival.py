@@ -1,0 +1,24 @@
+"""Bounds that reach further than the flagship's."""
+
+import numpy as np
+
+from core import problem_from, transcribe, verify
+
+LONG = {"preset": "ppe-drm3", "bounds": {"shooting_days": [1.0, 150.0], "initial_coast_days": [0.0, 60.0]}}
+
+
+def test_an_arrival_after_230_days_is_flown_as_the_verifier_flies_it():
+    problem = problem_from(LONG)
+    transcription = transcribe(problem, tolerance=1e-12)
+    lower, upper = transcription.bounds
+    x = 0.5 * (lower + upper)
+    x[:3] = 140.0, 60.0, 30.0
+    found, expected = transcription.defects(x), verify(problem, x).defects.ravel()
+    assert np.isfinite(expected).all()
+    # Two integrators at 1e-12 over 230 days agree to metres.
+    np.testing.assert_allclose(found, expected, atol=0.01)
+
+
+def test_all_problems_of_a_family_fly_to_one_target():
+    problem = problem_from(LONG)
+    assert problem.with_outages([(24, 20.0)]).latest_arrival_days == problem.latest_arrival_days
