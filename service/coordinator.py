@@ -6,12 +6,14 @@ import socket
 import threading
 import time
 from collections.abc import Iterable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Self
 
 import uvicorn
 
 from service.app import create_app
+from service.db.engine import unusable
 from service.lock import FolderLock
 from service.security import require_loopback
 from service.store import Store
@@ -94,7 +96,10 @@ class Coordinator:
     """Owns a data folder while it is open; jobs that a dead predecessor left go back to the queue."""
 
     def __init__(self, folder: Path, host: str = "127.0.0.1", port: int = 0) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise unusable(folder, error.strerror) from error
         self._lock = FolderLock(folder)
         self._folder = folder
         self._address = (host, port)
@@ -105,16 +110,15 @@ class Coordinator:
 
     def __enter__(self) -> Self:
         """Open archive and web server; no work begins yet."""
-        listener = open_port(*self._address)
-        try:
-            self._lock.__enter__()
-        except BaseException:
-            listener.close()
-            raise
-        self.store = Store(self._folder)
-        self.n_recovered = self.store.recover()
-        self._server = WebServer(self.store, listener, self._address[0])
-        self._server.start()
+        with ExitStack() as opened:
+            listener = opened.enter_context(open_port(*self._address))
+            opened.enter_context(self._lock)
+            self.store = opened.enter_context(Store(self._folder))
+            self.n_recovered = self.store.recover()
+            self._server = WebServer(self.store, listener, self._address[0])
+            self._server.start()
+            # All of it stays open until `__exit__`.
+            opened.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -9,7 +9,7 @@ from typing import Self
 
 
 class LockError(RuntimeError):
-    """Another coordinator works in this data folder."""
+    """A data folder in which another coordinator works, or nobody can."""
 
 
 class FolderLock:
@@ -21,7 +21,13 @@ class FolderLock:
 
     def __enter__(self) -> Self:
         """Take the folder, or raise."""
-        self._descriptor = os.open(self._folder / "coordinator.lock", os.O_RDWR | os.O_CREAT, 0o600)
+        try:
+            self._descriptor = os.open(self._folder / "coordinator.lock", os.O_RDWR | os.O_CREAT, 0o600)
+        except OSError as error:
+            raise LockError(
+                f"data folder {self._folder}: expected one to write in, got {error.strerror}; "
+                f"name another folder with --data"
+            ) from error
         if not _take(self._descriptor):
             owner = os.read(self._descriptor, 32).decode().strip() or "unknown"
             os.close(self._descriptor)

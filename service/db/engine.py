@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 from urllib.parse import quote
 
 from sqlalchemy import Engine, create_engine, event
+from sqlalchemy.exc import DBAPIError
 from sqlalchemy.orm import Session
 from sqlalchemy.pool import QueuePool
 
@@ -27,23 +28,33 @@ class DatabaseError(RuntimeError):
     """A file that is no archive of this version, or none at all."""
 
 
+def unusable(path: Path, reason: object) -> DatabaseError:
+    """Return the error of a place where no archive can be."""
+    return DatabaseError(
+        f"archive {path}: expected an SQLite archive, got {reason}; name another folder with --data"
+    )
+
+
 class Database:
     """The connections of one process to one file."""
 
     def __init__(self, path: Path, *, read_only: bool = False) -> None:
         self.path = path
         self._lock = threading.Lock()
-        self._writer: Engine | None = None
-        if read_only:
-            if not path.is_file():
-                raise DatabaseError(
-                    f"archive: expected a file, got {path}, which is none; run a campaign first"
-                )
-        else:
-            self._writer = _writer_engine(path)
-            _create_tables(self._writer)
+        if read_only and not _is_file(path):
+            raise DatabaseError(f"archive: expected a file, got {path}, which is none; run a campaign first")
+        self._writer = None if read_only else _writer_engine(path)
         self._reader = _reader_engine(path)
-        self._require_version()
+        try:
+            if self._writer is not None:
+                _create_tables(self._writer)
+            self._require_version()
+        except DBAPIError as error:
+            self.close()
+            raise unusable(path, error.orig) from error
+        except DatabaseError:
+            self.close()
+            raise
 
     def write(self, work: Callable[[Session], T]) -> T:
         """Run `work` in one write transaction; it is stored whole or, if it raises, not at all."""
@@ -74,6 +85,13 @@ class Database:
                 f"archive {self.path}: expected schema version {SCHEMA_VERSION}, got {version}; "
                 f"name another folder with --data"
             )
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError as error:
+        raise unusable(path, error.strerror) from error
 
 
 def _writer_engine(path: Path) -> Engine:

@@ -125,6 +125,34 @@ def test_an_error_is_one_line_and_exit_code_2(coastarc, arguments, reason):
     assert code == 2 and reason in printed and printed.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("folder", "reason"),
+    [
+        ("/dev/null", "archive /dev/null: expected an SQLite archive, got File exists; name another folder"),
+        ("/proc/none", "archive /proc/none: expected an SQLite archive, got No such file or directory"),
+        # Nobody can write there, whoever runs the tests.
+        ("/proc/self", "data folder /proc/self: expected one to write in, got "),
+    ],
+)
+def test_a_folder_without_room_for_an_archive_is_one_line_and_exit_code_2(
+    coastarc, spec_file, folder, reason
+):
+    code, _, printed = coastarc("run", spec_file, data=folder)
+    assert code == 2 and reason in printed and printed.count("\n") == 1
+
+
+@pytest.mark.parametrize("content", [b"no database at all, but long enough for a header\n" * 99, b"SQLite f"])
+def test_an_archive_that_is_none_is_one_line_and_exit_code_2(coastarc, spec_file, tmp_path, content):
+    (tmp_path / "coastarc.db").write_bytes(content)
+    for arguments in (("run", spec_file), ("status",), ("solutions", "list")):
+        code, _, printed = coastarc(*arguments)
+        assert code == 2 and printed.count("\n") == 1
+        assert (
+            f"archive {tmp_path}/coastarc.db: expected an SQLite archive, got file is not a data" in printed
+        )
+    assert (tmp_path / "coastarc.db").read_bytes() == content
+
+
 def test_a_bind_to_the_world_is_refused(coastarc, spec_file):
     code, _, printed = coastarc("run", spec_file, "--host", "0.0.0.0")
     assert code == 2 and "host: expected a loopback address such as 127.0.0.1, got 0.0.0.0" in printed
