@@ -16,8 +16,9 @@ from core.transcription import Guess, transcribe
 from tests.core.known import near
 from tests.core.transcription.points import PRESET, problem, random_point
 
-#: Guesses drawn from the box that this solver is known to close within the iterations allowed here.
-UNIFORM_SEEDS = (39, 27, 104)
+#: Guesses drawn from the box (rng_seed) that were closed within so many iterations. Paths from so far away are
+#: chaotic: on another processor the first may fail, so there are more, of which half succeed anywhere.
+UNIFORM_GUESSES = ((39, 300), (27, 300), (108, 1500), (104, 1500), (7, 1500), (114, 1500))
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +44,10 @@ def test_a_guess_near_a_solution_becomes_one_that_scipy_and_spice_accept(solved)
 
 
 def test_a_guess_drawn_from_the_box_can_become_a_solution(flown):
-    outcomes = (solve(flown, drawn(flown, seed), SolveSettings(max_iterations=300)) for seed in UNIFORM_SEEDS)
+    outcomes = (
+        solve(flown, drawn(flown, rng_seed), SolveSettings(max_iterations=most))
+        for rng_seed, most in UNIFORM_GUESSES
+    )
     best = next((outcome for outcome in outcomes if outcome.is_feasible), None)
     assert best is not None and verify(PRESET, best.x).strict
     assert 12398.0 < best.objective < 13276.1  # 90 days of full thrust burn 878 kg
