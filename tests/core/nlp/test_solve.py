@@ -16,7 +16,7 @@ from core.transcription import Guess, transcribe
 from tests.core.known import near
 from tests.core.transcription.points import PRESET, problem, random_point
 
-#: Guesses drawn from the box (rng_seed) that were closed within so many iterations. Paths from so far away are
+#: Guesses drawn from the box (rng_seed) that closed within so many iterations. Paths from so far away are
 #: chaotic: on another processor the first may fail, so there are more, of which half succeed anywhere.
 UNIFORM_GUESSES = ((39, 300), (27, 300), (108, 1500), (104, 1500), (7, 1500), (114, 1500))
 

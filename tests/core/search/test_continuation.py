@@ -19,7 +19,7 @@ def solved(segment, mapping, **options):
 
 @pytest.mark.parametrize(
     ("mapping", "segments"),
-    # The seed thrusts in 8, 30 and 12 and coasts in 40; paths differ between processors, so one of them will do.
+    # The seed thrusts in 8, 30, 12 and coasts in 40; paths differ between processors, so one of them will do.
     [("aligned", (8, 30, 12)), ("aligned", (40,)), ("continued", (36, 41, 40))],
 )
 def test_a_seed_survives_an_outage_of_a_day(mapping, segments):
