@@ -33,6 +33,9 @@ SCHEMA_VERSION = 1
 #: Longest outage that a problem may ask for [days].
 LONGEST_OUTAGE_DAYS = 20.0
 
+#: The target is made over this span past departure at least, and with it so far beyond both ends [days].
+LEAST_SPAN_DAYS, KERNEL_MARGIN_DAYS = 200.0, 45.0
+
 # What a problem means besides its own fields.
 _WORLD = {"kernel": KERNEL_MD5, "gm": [GM_EARTH, GM_MOON, GM_SUN, GM_JUPITER], "g0": G0}
 
@@ -251,12 +254,17 @@ class Problem(_Strict):
 
     @model_validator(mode="after")
     def _inside_kernels(self) -> Self:
-        latest = seconds_past_j2000(self.departure.epoch) + self.latest_arrival_days * SECONDS_PER_DAY
-        if latest > KERNEL_SPAN[1]:
-            raise ValueError(
-                f"departure.epoch: expected the latest arrival inside the kernel DE440, "
-                f"until 2650-01-25, got {calendar_epoch(latest)}"
-            )
+        departure = seconds_past_j2000(self.departure.epoch)
+        latest = departure + max(self.latest_arrival_days, LEAST_SPAN_DAYS) * SECONDS_PER_DAY
+        for name, et, margin in (
+            ("departure", departure, -KERNEL_MARGIN_DAYS),
+            ("latest arrival", latest, KERNEL_MARGIN_DAYS),
+        ):
+            if not KERNEL_SPAN[0] < et + margin * SECONDS_PER_DAY < KERNEL_SPAN[1]:
+                raise ValueError(
+                    f"departure.epoch: expected the {name} at least {KERNEL_MARGIN_DAYS:g} days inside the "
+                    f"kernel DE440, 1549-12-31 to 2650-01-25, got {calendar_epoch(et)}"
+                )
         return self
 
     @property

@@ -22,6 +22,7 @@ from service.coordinator import Coordinator, CoordinatorError
 from service.db.engine import DatabaseError
 from service.doctor import check_all
 from service.lock import LockError
+from service.resolve import require_flyable
 from service.security import BindError
 from service.spec import SpecError, load_spec
 from service.store import Store, StoreError
@@ -72,6 +73,7 @@ def run(
 ) -> None:
     """Run a campaign on this machine to its end; the same command goes on after an interruption."""
     specification = load_spec(spec)
+    require_flyable(specification)
     with Coordinator(data, host, port) as coordinator:
         campaign_id, is_new = coordinator.store.submit(specification)
         if coordinator.store.campaign(campaign_id).state == "done":

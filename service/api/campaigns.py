@@ -6,6 +6,7 @@ from fastapi import APIRouter, Body, Response
 
 from service.api.context import Id, StoreHere
 from service.api.schemas import CampaignPage, CampaignView
+from service.resolve import require_flyable
 from service.spec import spec_from
 
 router = APIRouter(tags=["campaigns"])
@@ -38,7 +39,9 @@ def submit_campaign(
     spec: Annotated[dict[str, Any], Body(examples=[EXAMPLE])], store: StoreHere, response: Response
 ) -> CampaignView:
     """Submit a campaign; the same specification again is the same campaign (200)."""
-    campaign_id, is_new = store.submit(spec_from(spec))
+    specification = spec_from(spec)
+    require_flyable(specification)
+    campaign_id, is_new = store.submit(specification)
     response.status_code = 201 if is_new else 200
     response.headers["location"] = f"/api/v1/campaigns/{campaign_id}"
     return store.campaign(campaign_id)

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from core.orbits import target_kernel
 from core.problem import ProblemError, load_problem, presets, problem_from, seconds_past_j2000
 
 PRESET = load_problem("ppe-drm3")
@@ -32,7 +33,8 @@ REFUSALS = [
     ({"departure": {"position_km": [1.0, 2.0, float("nan")]}}, r"position_km\.2: .*finite number, got nan"),
     ({"departure": {"velocity_km_s": [1.0, 2.0]}}, r"departure\.state\.velocity_km_s\.2: "),
     ({"departure": {"epoch": "1500-01-01T00:00:00"}}, r"epoch inside the kernel DE440, .*got '1500-01-01"),
-    ({"departure": {"epoch": "2650-01-01T00:00:00"}}, r"latest arrival inside the kernel DE440.*got 2650-07"),
+    ({"departure": {"epoch": "2650-01-01T00:00:00"}}, r"latest arrival at least 45 .*got 2650-07-20"),
+    ({"departure": {"epoch": "1550-02-01T00:00:00"}}, r"departure at least 45 .*DE440.*got 1550-02-01"),
     ({"departure": {"epoch": "2026-04-31T00:00:00"}}, r"epoch: expected a calendar epoch, got 2026-04-31"),
     (
         {"departure": {"epoch": "2026-04-26T14:47:58Z"}},
@@ -107,6 +109,13 @@ def test_an_impossible_field_is_refused_with_its_name_value_and_reason(change, m
 def test_an_impossible_outage_is_refused_with_its_name_value_and_reason(outages, message):
     with pytest.raises(ProblemError, match=message):
         PRESET.with_outages(outages)
+
+
+@pytest.mark.parametrize("epoch", ["1550-02-16T00:00:00", "2649-05-20T00:00:00"])
+def test_a_problem_near_an_end_of_the_kernel_has_its_target(epoch, tmp_path):
+    target = {"period_days": 6.5623, "perilune_epoch": epoch}
+    problem = changed({"departure": {"epoch": epoch}, "target": target})
+    assert target_kernel(problem, tmp_path)[0].is_file()
 
 
 def test_every_fault_of_a_problem_is_named_at_once():

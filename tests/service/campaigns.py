@@ -9,6 +9,17 @@ from workers.dispatcher import Dispatcher
 from workers.inline import Inline
 
 OUTAGE = {"segment": 24, "duration_days": 1.0}
+#: Nine days of spiral, for which there may be propellant.
+SPIRAL = {
+    "kind": "spiral",
+    "epoch": "2025-11-01T00:00:00",
+    "perigee_radius_km": 6578.0,
+    "apogee_radius_km": 33907.0,
+    "inclination_deg": 28.446,
+    "raan_deg": -2.476,
+    "argument_of_perigee_deg": 255.0,
+    "duration_days": 9.0,
+}
 
 
 def spec_fields(guesses=8, **more):

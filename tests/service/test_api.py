@@ -2,7 +2,7 @@ import json
 
 import pytest
 
-from tests.service.campaigns import finish, spec_fields, submitted
+from tests.service.campaigns import SPIRAL, finish, spec_fields, submitted
 
 API = "/api/v1"
 
@@ -26,6 +26,14 @@ def test_submitting_again_answers_200_with_the_same_campaign(client):
     client.post(f"{API}/campaigns", json=spec_fields())
     answer = client.post(f"{API}/campaigns", json=spec_fields())
     assert answer.status_code == 200 and answer.json()["id"] == 1
+
+
+def test_a_departure_that_cannot_be_is_refused_and_not_stored(client, store):
+    problem = {"preset": "ppe-drm3", "spacecraft": {"dry_mass_kg": 14999.0}, "departure": SPIRAL}
+    answer = client.post(f"{API}/campaigns", json=spec_fields(problem=problem))
+    assert answer.status_code == 422 and answer.headers["content-type"] == "application/problem+json"
+    assert answer.json()["detail"].startswith("spec.problem: spiral: expected 9.0 days of thrust before")
+    assert store.campaigns() == []
 
 
 def test_a_finished_campaign_shows_counts_and_the_best(client, finished):

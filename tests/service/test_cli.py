@@ -13,7 +13,7 @@ from service.coordinator import Coordinator
 from service.db.engine import DatabaseError
 from service.spec import spec_from
 from service.store import Store
-from tests.service.campaigns import content, finish, spec_fields, submitted
+from tests.service.campaigns import SPIRAL, content, finish, spec_fields, submitted
 from workers.process_pool import ProcessPool
 
 
@@ -151,6 +151,27 @@ def test_an_archive_that_is_none_is_one_line_and_exit_code_2(coastarc, spec_file
             f"archive {tmp_path}/coastarc.db: expected an SQLite archive, got file is not a data" in printed
         )
     assert (tmp_path / "coastarc.db").read_bytes() == content
+
+
+@pytest.mark.parametrize(
+    ("fields", "reason"),
+    [
+        ({"target": {"kind": "spk", "path": "{spec}", "naif_id": -1}}, "spec.problem: target "),
+        ({"departure": {"epoch": "1549-12-31T12:00:00"}}, "expected the departure at least 45 days inside"),
+        (
+            {"spacecraft": {"dry_mass_kg": 14999.0}, "departure": SPIRAL},
+            "spec.problem: spiral: expected 9.0 days",
+        ),
+    ],
+)
+def test_a_problem_that_cannot_be_flown_is_refused_before_it_is_stored(
+    coastarc, spec_file, tmp_path, fields, reason
+):
+    text = json.dumps(spec_fields(problem={"preset": "ppe-drm3"} | fields))
+    (tmp_path / "impossible.json").write_text(text.replace("{spec}", str(spec_file)))
+    code, _, printed = coastarc("run", tmp_path / "impossible.json")
+    assert code == 2 and reason in printed and printed.count("\n") == 1
+    assert not (tmp_path / "coastarc.db").exists()
 
 
 def test_a_bind_to_the_world_is_refused(coastarc, spec_file):
