@@ -76,6 +76,8 @@ def run(
     require_flyable(specification)
     with Coordinator(data, host, port) as coordinator:
         campaign_id, is_new = coordinator.store.submit(specification)
+        if n_revived := coordinator.store.revive(campaign_id):
+            console.print(f"{n_revived} jobs that failed before are tried again.")
         if coordinator.store.campaign(campaign_id).state == "done":
             console.print(f"Campaign {campaign_id} has been run before; nothing is left to do.")
             is_finished = True

@@ -139,6 +139,27 @@ def _end_attempt(
     attempt.error, attempt.provenance_hash = outcome.error, provenance_hash
 
 
+def revive(session: Session, campaign_id: int, now: float) -> int:
+    """Put back the jobs of a campaign that were given up, with a clean record; return how many."""
+    campaign = session.get_one(CampaignRow, campaign_id)
+    rows = session.scalars(select(SearchRow).where(SearchRow.campaign_id == campaign_id)).all()
+    dead = (JobRow.search_id.in_([row.id for row in rows])) & (JobRow.state == "dead")
+    jobs = session.scalars(select(JobRow).where(dead)).all()
+    if not jobs:
+        return 0
+    open_again = {job.search_id for job in jobs}
+    for job in jobs:
+        job.state, job.n_failures, job.updated_at = "queued", 0, now
+    # A source comes before what it feeds, which may get new seeds now.
+    for row in sorted(rows, key=lambda row: search_spec(campaign, row).k):
+        if row.state == "done" and (row.id in open_again or row.source_id in open_again):
+            row.state = "active" if row.id in open_again else "waiting"
+            open_again.add(row.id)
+    campaign.state, campaign.finished_at = "active", None
+    advance(session, campaign, now)
+    return len(jobs)
+
+
 def recover(session: Session, now: float) -> int:
     """Put back what a process that is gone was working on; return how many jobs that were.
 

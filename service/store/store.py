@@ -54,6 +54,10 @@ class Store:
         """Put back the jobs of a process that is gone; return how many."""
         return self._database.write(lambda session: dispatch.recover(session, self._clock()))
 
+    def revive(self, campaign_id: int) -> int:
+        """Put back the jobs of a campaign that were given up; return how many."""
+        return self._database.write(lambda session: dispatch.revive(session, campaign_id, self._clock()))
+
     def claim(self, worker: str, n_jobs: int, campaign: int | None = None) -> list[Claim]:
         """Hand out jobs of one campaign, or of all."""
         now = self._clock()

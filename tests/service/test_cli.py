@@ -81,6 +81,19 @@ def test_a_run_whose_jobs_fail_says_so(coastarc, spec_file, monkeypatch):
     assert code == 1 and "4 jobs failed, the first with: ZeroDivisionError: oh" in printed
 
 
+def test_jobs_that_failed_are_tried_again_by_the_next_run(coastarc, spec_file, tmp_path, monkeypatch):
+    with monkeypatch.context() as broken:
+        broken.setattr(cli_run, "ProcessPool", lambda n: ProcessPool(n, "tests.workers.fake:run_broken"))
+        coastarc("run", spec_file)
+    code, printed, _ = coastarc("run", spec_file)
+    assert code == 0 and "4 jobs that failed before are tried again" in printed
+    (tmp_path / "undisturbed").mkdir()
+    with Store(tmp_path, read_only=True) as store, Store(tmp_path / "undisturbed") as undisturbed:
+        submitted(undisturbed)
+        finish(undisturbed)
+        assert content(store) == content(undisturbed)
+
+
 def test_a_finished_campaign_run_again_prints_its_summary_and_does_nothing(coastarc, spec_file, tmp_path):
     coastarc("run", spec_file)
     with Store(tmp_path, read_only=True) as store:

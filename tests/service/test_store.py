@@ -239,3 +239,9 @@ def test_one_solution_in_two_campaigns_is_stored_once_and_listed_in_both(store):
     submitted(store, spec_fields(campaign={"name": "again", "rng_seed": 7}))
     finish(store)
     assert len(content(store)) == store.campaign(1).n_solutions == store.campaign(2).n_solutions
+
+
+def test_nothing_is_revived_where_nothing_died(store):
+    campaign_id = submitted(store)
+    finish(store)
+    assert store.revive(campaign_id) == 0 and store.campaign(campaign_id).state == "done"
