@@ -100,6 +100,9 @@ def _ordered_seeds(
     """Return the map jobs of a search that chooses among the seeds when they are complete."""
     if search.seeds is None or search.seeds.is_immediate or not progress.source_has_ended:
         return []
+    if row.state != "waiting":
+        # They were chosen once, when the source ended; each outcome would choose among all of them again.
+        return []
     if plan.is_exhausted(search, progress):
         return []
     assert row.source_id is not None

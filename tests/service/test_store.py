@@ -5,9 +5,11 @@ import sqlite3
 import pytest
 
 from core.problem import problem_from
+from service.scheduler import plan
 from service.spec import spec_from
 from service.store import Store
 from service.store.archive import solution_hash
+from service.store.records import Filter
 from tests.service.campaigns import OUTAGE, content, finish, spec_fields, submitted
 from tests.workers.fake import PROVENANCE, run_fake
 from workers.dispatcher import StaleAttempt
@@ -245,3 +247,18 @@ def test_nothing_is_revived_where_nothing_died(store):
     campaign_id = submitted(store)
     finish(store)
     assert store.revive(campaign_id) == 0 and store.campaign(campaign_id).state == "done"
+
+
+def test_ordered_seeds_are_chosen_once(store, monkeypatch):
+    fields, calls, chosen = spec_fields(guesses=16), [], plan.chosen
+    fields["search"][1]["seeds"] = {"from": "s0", "order": "delta_v"}
+    monkeypatch.setattr(plan, "chosen", lambda *of: calls.append(of) or chosen(*of))
+    submitted(store, fields)
+    finish(store)
+    assert store.campaign(1).searches[1].n_solves > 2 and len(calls) == 1
+
+
+def test_a_limit_gives_the_best_solutions(store):
+    submitted(store)
+    finish(store)
+    assert store.all_records(Filter(), limit=2) == store.all_records(Filter())[:2]
