@@ -166,7 +166,7 @@ def list_solutions(
 ) -> None:
     """List verified solutions, the least propellant first."""
     with Store(data, read_only=True) as store:
-        records = store.all_records(Filter(campaign, search, strict))[:limit]
+        records = store.all_records(Filter(campaign, search, strict), limit)
     _show(records, report.solution_list(records), as_json)
 
 

@@ -110,9 +110,9 @@ def get_record(session: Session, solution_id: str) -> RecordWithVector:
     return _with_vector(found[0])
 
 
-def all_records(session: Session, wanted: Filter) -> list[RecordWithVector]:
-    """Return all solutions of a filter with their vectors, the most final mass first."""
-    query = _records(wanted).order_by(SolutionRow.objective_kg.desc(), SolutionRow.id)
+def all_records(session: Session, wanted: Filter, limit: int | None) -> list[RecordWithVector]:
+    """Return the solutions of a filter with their vectors, the most final mass first."""
+    query = _records(wanted).order_by(SolutionRow.objective_kg.desc(), SolutionRow.id).limit(limit)
     return [_with_vector(row) for row in _found(session, query)]
 
 

@@ -84,10 +84,10 @@ class Store:
         with self._database.read() as session:
             return records.list_records(session, wanted, limit, after)
 
-    def all_records(self, wanted: Filter) -> list[schemas.RecordWithVector]:
-        """Return all solutions of a filter with their vectors."""
+    def all_records(self, wanted: Filter, limit: int | None = None) -> list[schemas.RecordWithVector]:
+        """Return the solutions of a filter with their vectors, all or the best so many."""
         with self._database.read() as session:
-            return records.all_records(session, wanted)
+            return records.all_records(session, wanted, limit)
 
     def record(self, solution_id: str) -> schemas.RecordWithVector:
         """Return a solution."""
