@@ -25,6 +25,8 @@ class Limits:
     stop: Stop
     started: float = field(default_factory=cpu_seconds)
     iterations: int = 0
+    #: Whether the caller has asked for a stop, once being enough.
+    is_stopped: bool = False
     evaluations: int = 0
 
     @property
@@ -40,4 +42,5 @@ class Limits:
     @property
     def is_over(self) -> bool:
         """Whether any limit was reached."""
-        return self.iterations >= self.iteration_budget or self.is_late or self.stop()
+        self.is_stopped = self.is_stopped or self.stop()
+        return self.is_stopped or self.iterations >= self.iteration_budget or self.is_late

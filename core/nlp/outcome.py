@@ -17,6 +17,7 @@ class ExitStatus(Enum):
     FEASIBLE_AT_LIMIT = (
         "All defects and bounds hold, but a limit came before the optimum; allow more iterations."
     )
+    FEASIBLE_AT_DEADLINE = "All defects and bounds hold, but the CPU deadline came first; raise cpu_seconds."
     ITERATION_LIMIT = (
         "The iteration limit came before the defects closed; raise max_iterations or start from a seed."
     )
@@ -32,17 +33,20 @@ class ExitStatus(Enum):
 class SolveSettings:
     """Limits of one solve; both are multiplied by 1 + k, so that P_k may do k + 1 times the work of P_0."""
 
-    #: CPU time after which the solve ends, whatever it has [s].
-    cpu_seconds: float = 30.0
+    #: CPU time after which the solve ends, whatever it has [s]: a guard, so that the iterations decide.
+    cpu_seconds: float = 120.0
     #: Iterations of the solver, all phases together [-].
     max_iterations: int = 1500
 
     def __post_init__(self) -> None:
         """Refuse limits under which nothing can be solved."""
-        if not (np.isfinite(self.cpu_seconds) and self.cpu_seconds > 0):
-            raise ValueError(f"cpu_seconds: expected a positive number, got {self.cpu_seconds}")
-        if self.max_iterations < 1:
-            raise ValueError(f"max_iterations: expected at least 1, got {self.max_iterations}")
+        is_number = isinstance(self.cpu_seconds, int | float)
+        if not (is_number and np.isfinite(self.cpu_seconds) and self.cpu_seconds > 0):
+            raise ValueError(f"cpu_seconds: expected a positive number, got {self.cpu_seconds!r}")
+        if not isinstance(self.max_iterations, int) or self.max_iterations < 1:
+            raise ValueError(
+                f"max_iterations: expected an integer of at least 1, got {self.max_iterations!r}"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from core.nlp.ipopt import run_ipopt
+from core.nlp.ipopt import Run, run_ipopt
 from core.nlp.limits import Limits, Stop
 from core.nlp.outcome import ExitStatus, Outcome, SolveSettings
 from core.tolerances import violation
-from core.transcription import Guess, Transcription
+from core.transcription import Guess, Transcription, checked_vector
 
 Array = NDArray[np.float64]
 
@@ -55,7 +55,7 @@ def solve(
     transcription : Transcription
         The problem.
     guess : (n_variables,) array or Guess
-        Start in the paper layout [days, rad, kg].
+        Start in the paper layout [days, rad, kg]; what lies outside the bounds is moved to them first.
     settings : SolveSettings
         Limits; the defaults if None.
     stop : callable
@@ -72,7 +72,7 @@ def solve(
         When the guess has another shape or is not finite.
     """
     limits = limits_of(transcription, settings or SolveSettings(), stop)
-    start = transcription.lift(guess)
+    start = transcription.lift(_within(transcription, guess))
     if not np.all(np.isfinite(start)):
         return outcome_of(transcription, [transcription.drop_nodes(start)], ExitStatus.NOT_FINITE, limits)
     return optimize(transcription, start, limits)
@@ -88,7 +88,7 @@ def optimize(transcription: Transcription, start: Array, limits: Limits) -> Outc
     """Solve from a finite lifted vector within limits that may already be partly used."""
     run = run_ipopt(transcription, start, WEIGHT, limits)
     candidates = [transcription.drop_nodes(z) for z in (run.z, run.closed) if z is not None]
-    return outcome_of(transcription, candidates, _status(run.code, limits), limits)
+    return outcome_of(transcription, candidates, _status(run, limits), limits)
 
 
 def close_defects(
@@ -111,6 +111,7 @@ def close_defects(
     step = replace(limits, iteration_budget=allowed)
     run = run_ipopt(transcription, start, WEIGHT, step, stop_when_closed=True)
     limits.iterations, limits.evaluations = step.iterations, step.evaluations
+    limits.is_stopped = step.is_stopped
     return run.closed
 
 
@@ -121,10 +122,7 @@ def outcome_of(
     fine = transcription.at_tolerance(FINE_TOLERANCE)
     judged = [_judged(fine, _inside(transcription, x)) for x in candidates]
     x, defects, worst = min(judged, key=lambda entry: _rank(transcription, *entry))
-    if worst <= 1.0 and status not in _ENDED_WELL:
-        status = ExitStatus.FEASIBLE_AT_LIMIT
-    elif worst > 1.0 and status in _ENDED_WELL:
-        status = ExitStatus.STALLED
+    status = _weighed(status, worst <= 1.0)
     return Outcome(
         status=status,
         x=x,
@@ -135,6 +133,20 @@ def outcome_of(
         n_evaluations=limits.evaluations,
         cpu_seconds=limits.cpu_used,
     )
+
+
+def _weighed(status: ExitStatus, is_feasible: bool) -> ExitStatus:
+    """Return what a status means for a point that turned out feasible, or not."""
+    if not is_feasible:
+        return ExitStatus.STALLED if status in _ENDED_WELL else status
+    if status in _ENDED_WELL or status is ExitStatus.STOPPED:
+        return status
+    return ExitStatus.FEASIBLE_AT_DEADLINE if status is ExitStatus.TIMEOUT else ExitStatus.FEASIBLE_AT_LIMIT
+
+
+def _within(transcription: Transcription, guess: Array | Guess) -> Array | Guess:
+    x = _inside(transcription, checked_vector(transcription.layout, guess))
+    return Guess(x, guess.states) if isinstance(guess, Guess) else x
 
 
 def _inside(transcription: Transcription, x: Array) -> Array:
@@ -160,6 +172,8 @@ def _close(transcription: Transcription, x: Array, defects: Array) -> tuple[Arra
         if not _WELL_CLOSED < violation(defects) < _TOO_FAR:
             break
         scaled = transcription.jacobian(x).toarray() * (upper - lower)
+        if not np.all(np.isfinite(scaled)):
+            break
         free = (x > lower) & (x < upper)
         step = np.zeros(len(x))
         step[free] = np.linalg.lstsq(scaled[:, free], -defects.ravel(), rcond=1e-12)[0]
@@ -176,9 +190,11 @@ def _rank(transcription: Transcription, x: Array, defects: Array, worst: float) 
     return (max(worst, 1.0), -float(x[transcription.layout.reference.final_mass]))
 
 
-def _status(code: int, limits: Limits) -> ExitStatus:
-    if code != _USER_STOP:
-        return _STATUS.get(code, ExitStatus.SOLVER_FAILURE)
-    if limits.stop():
+def _status(run: Run, limits: Limits) -> ExitStatus:
+    if run.code != _USER_STOP:
+        return _STATUS.get(run.code, ExitStatus.SOLVER_FAILURE)
+    if limits.is_stopped:
         return ExitStatus.STOPPED
+    if run.is_settled:
+        return ExitStatus.ACCEPTABLE
     return ExitStatus.TIMEOUT if limits.is_late else ExitStatus.ITERATION_LIMIT

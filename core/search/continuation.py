@@ -20,7 +20,7 @@ from core.nlp import (
 )
 from core.problem import Problem
 from core.search.mapping import map_seed, outage_profiles
-from core.transcription import Transcription, transcribe
+from core.transcription import DEFAULT_LEGS, Transcription, transcribe
 
 Array = NDArray[np.float64]
 
@@ -37,6 +37,7 @@ def solve_seed(
     mapping: str = "continued",
     settings: SolveSettings | None = None,
     stop: Stop = never,
+    n_legs: int = DEFAULT_LEGS,
 ) -> Outcome:
     """Map a seed to a guess for P_k and solve it.
 
@@ -54,6 +55,8 @@ def solve_seed(
         Limits of all the work together; the defaults if None.
     stop : callable
         Asked once per iteration; true ends the solve.
+    n_legs : int
+        Shooting legs of the reference [-].
 
     Returns
     -------
@@ -69,7 +72,7 @@ def solve_seed(
     ----------
     docs/method.md, section 8.
     """
-    target = transcribe(problem_to)
+    target = transcribe(problem_to, n_legs)
     guess = map_seed(problem_from, x, problem_to, mapping)
     if mapping != "continued":
         return solve(target, guess, settings, stop)

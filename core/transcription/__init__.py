@@ -5,9 +5,10 @@ from core.transcription.control import control_of, throttle_of
 from core.transcription.guess import Guess
 from core.transcription.layout import Layout, TrajectoryLayout, checked_vector, layout_of
 from core.transcription.plan import OutageProfile, Structure
-from core.transcription.transcription import STATE_SCALE, TOLERANCE, Transcription, transcribe
+from core.transcription.transcription import DEFAULT_LEGS, STATE_SCALE, TOLERANCE, Transcription, transcribe
 
 __all__ = [
+    "DEFAULT_LEGS",
     "STATE_SCALE",
     "TOLERANCE",
     "Guess",

@@ -18,6 +18,14 @@ class Guess:
     #: (N_w + 1, 7) states at the segment boundaries of each trajectory [LU, VU, MU]; None: propagate x.
     states: tuple[Array, ...] | None = None
 
+    def __len__(self) -> int:
+        """Return the length of x."""
+        return len(self.x)
+
+    def __getitem__(self, index: Any) -> Any:
+        """Return entries of x."""
+        return self.x[index]
+
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
         """Return x, so that a guess can stand wherever a decision vector can."""
         return np.array(self.x, dtype=dtype, copy=copy)

@@ -127,7 +127,10 @@ def layout_of(problem: Problem) -> Layout:
 
 def checked_vector(layout: Layout, x: object) -> Array:
     """Return x as a float array, or raise ValueError naming the shape expected and the one that came."""
-    vector = np.asarray(x, dtype=float)
+    try:
+        vector = np.asarray(x, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"decision vector: expected numbers, got {type(x).__name__}: {error}") from error
     if vector.shape != (layout.n_variables,):
         raise ValueError(
             f"decision vector: expected shape ({layout.n_variables},) for "

@@ -28,6 +28,9 @@ Array = NDArray[np.float64]
 #: Units of a state: km, km/s, kg per canonical unit.
 STATE_SCALE = np.array([LU_KM] * 3 + [VU_KM_S] * 3 + [MU_KG])
 
+#: Default number of shooting legs: more and fewer did worse, docs/decisions/0001-solver-settings.md.
+DEFAULT_LEGS = 10
+
 _ROOM_DAYS = 5.0
 
 #: Default tolerance of the integrator: a 30-day thrusting arc is right to 20 m.
@@ -52,12 +55,12 @@ class Transcription:
     def __init__(
         self,
         problem: Problem,
-        n_legs: int = 10,
+        n_legs: int = DEFAULT_LEGS,
         tolerance: float = TOLERANCE,
         profiles: tuple[OutageProfile, ...] = (),
     ) -> None:
-        if n_legs < 1:
-            raise ValueError(f"n_legs: expected at least 1, got {n_legs}")
+        if not isinstance(n_legs, int) or n_legs < 1:
+            raise ValueError(f"n_legs: expected an integer of at least 1, got {n_legs!r}")
         if not 1e-14 <= tolerance <= 1e-3:
             raise ValueError(f"tolerance: expected 1e-14 .. 1e-3, got {tolerance}")
         self.problem = problem
@@ -203,7 +206,10 @@ def _setting(reference: Problem) -> _Setting:
 
 
 def transcribe(
-    problem: Problem, n_legs: int = 10, tolerance: float = TOLERANCE, profiles: tuple[OutageProfile, ...] = ()
+    problem: Problem,
+    n_legs: int = DEFAULT_LEGS,
+    tolerance: float = TOLERANCE,
+    profiles: tuple[OutageProfile, ...] = (),
 ) -> Transcription:
     """Return the transcription of a problem; see `Transcription` for the parameters."""
     transcription = Transcription(problem, n_legs, tolerance, profiles)

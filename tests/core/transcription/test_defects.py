@@ -92,7 +92,7 @@ def test_what_cannot_be_flown_is_not_a_number():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"n_legs": 0}, "n_legs: expected at least 1, got 0"),
+        ({"n_legs": 0}, "n_legs: expected an integer of at least 1, got 0"),
         ({"tolerance": 1.0}, r"tolerance: expected 1e-14 \.\. 1e-3, got 1\.0"),
     ],
 )
