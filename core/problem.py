@@ -27,6 +27,7 @@ from core.constants import (
     KERNEL_SPAN,
     SECONDS_PER_DAY,
 )
+from core.faults import fault_lines
 
 SCHEMA_VERSION = 1
 
@@ -370,19 +371,12 @@ def problem_from(fields: Any) -> Problem:
     try:
         return Problem.model_validate(_merged(_preset(given.pop("preset", None)), given))
     except ValidationError as error:
-        raise ProblemError(validation_message("problem", error)) from error
+        raise ProblemError(validation_message("problem", error, Problem)) from error
 
 
-def validation_message(thing: str, error: ValidationError) -> str:
-    """Return one line per fault of a pydantic error: `<thing>.<field>: <expected>, got <value>`."""
-    lines = []
-    for fault in error.errors(include_url=False, include_context=False):
-        place = ".".join([thing, *(str(part) for part in fault["loc"])])
-        message = fault["msg"].removeprefix("Value error, ")
-        got = fault["input"]
-        shown = "" if isinstance(got, Mapping | BaseModel) or "got " in message else f", got {got!r}"
-        lines.append(f"{place}: {message}{shown}")
-    return "\n".join(lines)
+def validation_message(thing: str, error: ValidationError, model: type[BaseModel]) -> str:
+    """Return one line per fault in the data of a model: `<thing>.<field>: <expected>, got <value>`."""
+    return "\n".join(fault_lines(thing, error.errors(include_url=False), model))
 
 
 def _preset_folder() -> Any:

@@ -47,7 +47,19 @@ def one_of(names: Any) -> AfterValidator:
     return AfterValidator(check)
 
 
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._-]{0,79}$")]
+def shaped(pattern: str, shape: str) -> AfterValidator:
+    """Return a validator that admits what a pattern matches, and says of the rest what was expected."""
+
+    def check(value: str) -> str:
+        if not re.fullmatch(pattern, value):
+            raise ValueError(f"expected {shape}, got {value[:80]!r}")
+        return value
+
+    return AfterValidator(check)
+
+
+NAME_SHAPE = "1 to 80 letters, digits, spaces or . _ -, a letter or digit first"
+Name = Annotated[str, shaped(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,79}", NAME_SHAPE)]
 Positive = Annotated[float, Field(gt=0, le=1e12)]
 Count = Annotated[StrictInt, Field(ge=1, le=10_000_000)]
 
@@ -76,7 +88,7 @@ class SearchSpec(_Strict):
 
     id: Name
     #: "S(k)": chains of hops from drawn guesses; "S(k|k')": seeds of P_k' mapped to P_k.
-    strategy: Annotated[str, Field(pattern=rf"^{STRATEGY.pattern}$")]
+    strategy: Annotated[str, shaped(STRATEGY.pattern, "S(k) or S(k|k')")]
     outages: tuple[Outage, ...] = ()
     #: Budget, one of three: NLP solves, processor seconds, or different solutions.
     guesses: Count | None = None
@@ -171,9 +183,9 @@ def _problem(fields: Any) -> Any:
     try:
         problem = problem_from(fields)
     except ProblemError as error:
-        raise ValueError(str(error).removeprefix("problem.").replace("\nproblem.", "\n")) from error
+        raise ValueError(str(error)) from error
     if problem.outages:
-        raise ValueError("outages: expected none here, each search has its own, got " + str(problem.k))
+        raise ValueError(f"problem.outages: expected none here, each search has its own, got {problem.k}")
     return problem
 
 
@@ -248,7 +260,7 @@ def spec_from(fields: Any, *, allow_files: bool = False) -> Spec:
     try:
         return Spec.model_validate(fields)
     except ValidationError as error:
-        raise SpecError(validation_message("spec", error)) from error
+        raise SpecError(validation_message("spec", error, Spec)) from error
 
 
 def load_spec(path: Path) -> Spec:

@@ -8,6 +8,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 
+from core.faults import fault_lines
 from service.api.schemas import Fault
 from service.spec import SpecError
 from service.store import StoreError, UnknownRow
@@ -15,6 +16,11 @@ from service.store import StoreError, UnknownRow
 #: What every route may answer besides its own; goes into the OpenAPI document.
 REFUSALS: dict[int | str, dict[str, Any]] = {
     status: {"model": Fault, "content": {"application/problem+json": {}}} for status in (403, 404, 422)
+}
+
+UNROUTED = {
+    404: "path: expected one of this service, got {path}; the list is at /api/v1/openapi.json",
+    405: "method: expected one that {path} has, got {method}",
 }
 
 
@@ -28,12 +34,17 @@ def add_error_handlers(app: FastAPI) -> None:
     """Turn what the layers below raise into refusals."""
 
     @app.exception_handler(HTTPException)
-    def http(_: Request, error: HTTPException) -> JSONResponse:
-        return problem_response(error.status_code, str(error.detail))
+    def http(request: Request, error: HTTPException) -> JSONResponse:
+        detail = str(error.detail)
+        if detail == HTTPStatus(error.status_code).phrase:
+            # What the framework refuses by itself says no more than the status.
+            detail = UNROUTED.get(error.status_code, "request: expected another, got {method} {path}")
+            detail = detail.format(method=request.method, path=request.url.path)
+        return problem_response(error.status_code, detail)
 
     @app.exception_handler(RequestValidationError)
     def request(_: Request, error: RequestValidationError) -> JSONResponse:
-        return problem_response(422, "\n".join(_line(fault) for fault in error.errors()))
+        return problem_response(422, "\n".join(fault_lines("request", error.errors())))
 
     @app.exception_handler(SpecError)
     def spec(_: Request, error: SpecError) -> JSONResponse:
@@ -51,8 +62,3 @@ def add_error_handlers(app: FastAPI) -> None:
     def bug(_: Request, error: Exception) -> JSONResponse:
         # What went wrong inside is for the log, not for the client.
         return problem_response(500, "the service failed; its log has the details")
-
-
-def _line(fault: Any) -> str:
-    place = ".".join(str(part) for part in fault["loc"])
-    return f"{place}: {fault['msg']}, got {fault.get('input')!r}"[:500]

@@ -24,14 +24,20 @@ REFUSALS = [
     ),
     ({"spacecraft": {"max_thrust_n": 0.0}}, r"problem\.spacecraft\.max_thrust_n: .*greater than 0, got 0\.0"),
     ({"spacecraft": {"isp_s": float("nan")}}, r"problem\.spacecraft\.isp_s: .*, got nan"),
-    ({"spacecraft": {"isp_s": float("inf")}}, r"problem\.spacecraft\.isp_s: .*finite number, got inf"),
-    ({"departure": {"mass_kg": -13276.0}}, r"problem\.departure\.state\.mass_kg: .*, got -13276\.0"),
+    (
+        {"spacecraft": {"isp_s": float("inf")}},
+        r"problem\.spacecraft\.isp_s: expected a finite number, got inf",
+    ),
+    ({"departure": {"mass_kg": -13276.0}}, r"problem\.departure\.mass_kg: .*, got -13276\.0"),
     (
         {"departure": {"mass_kg": 15001.0}},
         r"departure\.mass_kg: expected at most wet_mass_kg .*, got 15001\.0",
     ),
     ({"departure": {"position_km": [1.0, 2.0, float("nan")]}}, r"position_km\.2: .*finite number, got nan"),
-    ({"departure": {"velocity_km_s": [1.0, 2.0]}}, r"departure\.state\.velocity_km_s\.2: "),
+    (
+        {"departure": {"velocity_km_s": [1.0, 2.0]}},
+        r"problem\.departure\.velocity_km_s\.2: expected a value, got none",
+    ),
     ({"departure": {"epoch": "1500-01-01T00:00:00"}}, r"epoch inside the kernel DE440, .*got '1500-01-01"),
     ({"departure": {"epoch": "2650-01-01T00:00:00"}}, r"latest arrival at least 45 .*got 2650-07-20"),
     ({"departure": {"epoch": "1550-02-01T00:00:00"}}, r"departure at least 45 .*DE440.*got 1550-02-01"),
@@ -40,9 +46,12 @@ REFUSALS = [
         {"departure": {"epoch": "2026-04-26T14:47:58Z"}},
         r"expected a TDB epoch .* without zone, got '2026.*Z'",
     ),
-    ({"departure": {"kind": "orbit"}}, r"problem\.departure: .*'orbit'"),
+    (
+        {"departure": {"kind": "orbit"}},
+        r"problem\.departure: expected a table of kind 'state', 'spiral', got 'orbit'",
+    ),
     ({"target": {"perilune_epoch": "1500-01-01T00:00:00"}}, r"perilune_epoch: .*inside the kernel .*1500"),
-    ({"target": {"period_days": 5.0}}, r"problem\.target\.nrho\.period_days: .*greater than 6, got 5\.0"),
+    ({"target": {"period_days": 5.0}}, r"problem\.target\.period_days: .*greater than 6, got 5\.0"),
     ({"target": {"kind": "spk", "path": "no.bsp", "naif_id": -1}}, r"expected an SPK file, got no\.bsp"),
     (
         {"bounds": {"initial_coast_days": [30.0, 0.0]}},
@@ -56,18 +65,21 @@ REFUSALS = [
     ({"bounds": {"shooting_days": [0.0, 9.0]}}, r"shooting_days: expected a lower bound > 0, got 0\.0"),
     ({"bounds": {"throttle": [0.0, 1.5]}}, r"throttle: expected an upper bound <= 1, got 1\.5"),
     ({"bounds": {"min_final_mass_kg": 13277.0}}, r"min_final_mass_kg: expected less than .*, got 13277\.0"),
-    ({"n_segments": 1}, r"problem\.n_segments: .*greater than or equal to 2, got 1"),
+    ({"n_segments": 1}, r"problem\.n_segments: .*at least 2, got 1"),
     ({"n_segments": 50.0}, r"problem\.n_segments: .*integer, got 50\.0"),
     ({"segmentation": "random"}, r"problem\.segmentation: .*'adaptive' or 'uniform', got 'random'"),
-    ({"thrust_n": 3.0}, r"problem\.thrust_n: .*not permitted, got 3\.0"),
-    ({"spacecraft": {"mass": 3.0}}, r"problem\.spacecraft\.mass: .*not permitted, got 3\.0"),
+    ({"thrust_n": 3.0}, r"problem\.thrust_n: expected one of spacecraft, .*, got unknown key 'thrust_n'"),
+    (
+        {"spacecraft": {"mass": 3.0}},
+        r"problem\.spacecraft\.mass: expected one of wet_mass_kg, .*, got unknown key 'mass'",
+    ),
 ]
 
 OUTAGE_REFUSALS = [
-    ([(0, 1.0)], r"problem\.outages\.0\.segment: .*greater than or equal to 1, got 0"),
+    ([(0, 1.0)], r"problem\.outages\.0\.segment: .*at least 1, got 0"),
     ([(50, 1.0)], r"outages: expected a segment in 1\.\.49 .*, got 50"),
     ([(24, 0.0)], r"problem\.outages\.0\.duration_days: .*greater than 0, got 0\.0"),
-    ([(24, 20.5)], r"problem\.outages\.0\.duration_days: .*less than or equal to 20, got 20\.5"),
+    ([(24, 20.5)], r"problem\.outages\.0\.duration_days: .*at most 20, got 20\.5"),
     ([(24, float("nan"))], r"problem\.outages\.0\.duration_days: .*, got nan"),
     ([(24, 1.0), (8, 1.0), (24, 1.0)], r"expected different outages, got segment 24 with 1\.0 days twice"),
 ]

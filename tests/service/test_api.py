@@ -161,6 +161,19 @@ def test_a_wrong_request_is_refused_as_a_problem(client, path, status):
 
 
 @pytest.mark.parametrize(
+    ("method", "path", "detail"),
+    [
+        ("GET", "/nothing", "path: expected one of this service, got /api/v1/nothing; "),
+        ("DELETE", "/jobs", "method: expected one that /api/v1/jobs has, got DELETE"),
+        ("GET", "/solutions?limit=1000", "request.query.limit: expected a number of at most 200, got '1000'"),
+        ("GET", "/campaigns/nine", "request.path.campaign_id: expected an integer, got 'nine'"),
+    ],
+)
+def test_a_refusal_names_what_was_expected_and_what_came(client, method, path, detail):
+    assert client.request(method, API + path).json()["detail"].startswith(detail)
+
+
+@pytest.mark.parametrize(
     "body", [b"", b"{", b"[]", b"7", b'{"campaign": 1}', json.dumps(spec_fields(guesses=0)).encode()]
 )
 def test_a_wrong_specification_is_refused_as_a_problem(client, body, store):

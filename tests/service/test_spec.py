@@ -18,7 +18,7 @@ def changed(**more):
 
 
 REFUSED = [
-    (changed(colour="red"), "spec.search.1.colour: Extra inputs"),
+    (changed(colour="red"), "spec.search.1.colour: expected one of id, strategy, "),
     (changed(seeds={"from": "s9"}), "search s1-0: seeds.from: expected one of s0, s1-0, got 's9'"),
     (changed(seeds={"from": "s1-0"}), "expected a search of S(0...) for S(1|0), got 's1-0', which is S(1|0)"),
     (changed(seeds={"from": "s0", "limit": 0}), "spec.search.1.seeds.limit"),
@@ -26,7 +26,7 @@ REFUSED = [
     (changed(seeds=None), "seeds: expected a table with `from` for S(1|0), got none"),
     (changed(strategy="S(1|1)"), "strategy: expected k' < k, got S(1|1)"),
     (changed(strategy="S(2|0)"), "outages: expected 2 for S(2|0), got 1"),
-    (changed(strategy="T(1)"), "spec.search.1.strategy"),
+    (changed(strategy="T(1)"), "spec.search.1.strategy: expected S(k) or S(k|k'), got 'T(1)'"),
     (changed(outages=[]), "outages: expected 1 for S(1|0), got 0"),
     (changed(outages=[{"segment": 50, "duration_days": 1.0}]), "expected a segment in 1..49"),
     (changed(outages=[OUTAGE, OUTAGE], strategy="S(2|0)"), "got segment 24 with 1.0 days twice"),
@@ -34,17 +34,20 @@ REFUSED = [
     (changed(guess_law="uniform"), "guess_law: expected to be absent for S(1|0), got 'uniform'"),
     (changed(mapping="magic"), "expected one of reference, aligned, continued, got 'magic'"),
     (changed(id="s0"), "expected different ids, got 's0' 2 times"),
-    (changed(cpu_seconds=0), "spec.search.1.cpu_seconds"),
+    (changed(cpu_seconds=0), "spec.search.1.cpu_seconds: expected a number greater than 0, got 0"),
     (changed(cpu_seconds=float("nan")), "spec.search.1.cpu_seconds"),
     (changed(core_seconds=1.0, solutions=2), "expected at most one of core_seconds, solutions"),
-    (spec_fields(guesses=0), "spec.search.0.guesses"),
+    (spec_fields(guesses=0), "spec.search.0.guesses: expected a number of at least 1, got 0"),
     (spec_fields(guesses=None), "budget: expected exactly one of guesses, core_seconds, solutions, got none"),
-    (spec_fields(search=[]), "spec.search"),
+    (spec_fields(search=[]), "spec.search: expected at least 1 item, got 0"),
     (spec_fields(campaign={"name": "x", "rng_seed": -1}), "spec.campaign.rng_seed"),
-    (spec_fields(campaign={"name": "../x", "rng_seed": 1}), "spec.campaign.name"),
+    (spec_fields(campaign={"name": "../x", "rng_seed": 1}), "spec.campaign.name: expected 1 to 80 letters, "),
     (spec_fields(problem={"preset": "moon-shot"}), "expected one of ppe-drm3, got 'moon-shot'"),
     (spec_fields(problem={"preset": "ppe-drm3", "outages": [OUTAGE]}), "outages: expected none here"),
-    (spec_fields(problem={"preset": "ppe-drm3", "n_segments": -3}), "n_segments"),
+    (
+        spec_fields(problem={"preset": "ppe-drm3", "n_segments": -3}),
+        "spec.problem.n_segments: expected a number of at",
+    ),
     ([], "spec: expected tables campaign, problem and search, got list"),
 ]
 
@@ -53,7 +56,7 @@ REFUSED = [
 def test_what_cannot_be_run_is_refused_with_field_value_and_reason(fields, reason):
     with pytest.raises(SpecError) as refusal:
         spec_from(fields)
-    assert reason in str(refusal.value)
+    assert reason in str(refusal.value) and str(refusal.value).count("\n") == 0
 
 
 def test_a_chain_may_not_name_a_mapping_or_seeds():

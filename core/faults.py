@@ -1,0 +1,124 @@
+"""What a validator found wrong, as lines for whoever wrote the data: `<field>: expected <what>, got <value>`.
+
+A fault is a dict with `type`, `loc`, `msg`, `input` and `ctx`, as pydantic gives it.  A model is a class with
+`model_fields`; which fields it knows and which part of a place is no field but a tag is read there.
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import Any, get_args
+
+#: What was expected, by type of fault; names in braces are those of its context.
+EXPECTED = {
+    "missing": "a value",
+    "finite_number": "a finite number",
+    "greater_than": "a number greater than {gt}",
+    "greater_than_equal": "a number of at least {ge}",
+    "less_than": "a number less than {lt}",
+    "less_than_equal": "a number of at most {le}",
+    "float_type": "a number",
+    "float_parsing": "a number",
+    "int_type": "an integer",
+    "int_parsing": "an integer",
+    "int_from_float": "an integer",
+    "string_type": "a text",
+    "path_type": "a path",
+    "literal_error": "{expected}",
+    "union_tag_invalid": "a table of kind {expected_tags}",
+    "union_tag_not_found": "a table with a kind",
+    "too_long": "at most {max_length} items",
+    "too_short": "at least {min_length} item",
+    "tuple_type": "a list",
+    "model_type": "a table",
+    "model_attributes_type": "a table",
+    "dict_type": "a table",
+}
+#: Longest value that is shown whole.
+SHOWN = 80
+
+
+def fault_lines(thing: str, faults: Iterable[Mapping[str, Any]], model: Any = None) -> list[str]:
+    """Return one line per fault of the data of a model; what follows from a deeper fault is left out."""
+    listed = list(faults)
+    places = [tuple(fault["loc"]) for fault in listed]
+    lines: list[str] = []
+    for fault, place in zip(listed, places, strict=True):
+        is_echo = any(other != place and other[: len(place)] == place for other in places)
+        if not (is_echo and fault["type"] == "too_short"):
+            lines.extend(_lines(thing, fault, model))
+    return lines
+
+
+def _lines(thing: str, fault: Mapping[str, Any], model: Any) -> list[str]:
+    path, known = _walked(fault["loc"], model)
+    place = ".".join([thing, *path])
+    message = _message(fault, known)
+    # A message about nested data may name the places in it.
+    inner = message.splitlines()
+    if path and all(line.startswith((f"{path[-1]}.", f"{path[-1]}:")) for line in inner):
+        return [f"{place.removesuffix(path[-1])}{line}" for line in inner]
+    return [f"{place}: {message}"]
+
+
+def _walked(loc: Iterable[Any], model: Any) -> tuple[list[str], list[str]]:
+    """Return a place without the tags of unions, and the fields of the model that its last part is in."""
+    path: list[str] = []
+    models, known = [model], _fields(model)
+    for part in loc:
+        tagged = [one for one in models if len(models) > 1 and part in _tags(one)]
+        if tagged:
+            models = tagged
+            continue
+        path.append(str(part))
+        if isinstance(part, int):
+            continue
+        known = _fields(models[0]) if models else {}
+        field = known.get(part)
+        models = _models(field.annotation) if field else []
+    return path, [*known]
+
+
+def _fields(model: Any) -> dict[str, Any]:
+    fields = getattr(model, "model_fields", {})
+    return {field.alias or name: field for name, field in fields.items()}
+
+
+def _tags(model: Any) -> tuple[Any, ...]:
+    kind = model.model_fields.get("kind")
+    return get_args(kind.annotation) if kind else ()
+
+
+def _models(annotation: Any) -> list[Any]:
+    """Return the models inside an annotation."""
+    if hasattr(annotation, "model_fields"):
+        return [annotation]
+    return [model for part in get_args(annotation) for model in _models(part)]
+
+
+def _message(fault: Mapping[str, Any], known: list[str]) -> str:
+    kind, context = fault["type"], fault.get("ctx", {})
+    if kind == "extra_forbidden":
+        return f"expected one of {', '.join(known)}, got unknown key {fault['loc'][-1]!r}"
+    if kind in EXPECTED:
+        limits = {name: _plain(value) for name, value in context.items()}
+        return f"expected {EXPECTED[kind].format(**limits)}, got {_got(fault, context)}"
+    message = str(fault["msg"]).removeprefix("Value error, ").replace("Input should be ", "expected ")
+    return message if "got " in message else f"{message}, got {_shown(fault['input'])}"
+
+
+def _got(fault: Mapping[str, Any], context: Mapping[str, Any]) -> str:
+    if fault["type"] in ("missing", "union_tag_not_found"):
+        return "none"
+    if "actual_length" in context:
+        return str(context["actual_length"])
+    return repr(context["tag"]) if "tag" in context else _shown(fault["input"])
+
+
+def _plain(value: Any) -> Any:
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, Mapping) or hasattr(type(value), "model_fields"):
+        return "a table"
+    text = repr(value)
+    return text if len(text) <= SHOWN else f"{text[:SHOWN]}..."
