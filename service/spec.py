@@ -26,7 +26,7 @@ from core.search import GUESS_LAWS, HOP_LAWS, MAPPINGS
 from workers.job import HopLaws, Settings
 
 #: What only one of the two kinds of search may set.
-CHAIN_FIELDS = ("guesses", "guess_law", "hop_law", "hop_width", "max_failures", "hops", "n_legs")
+CHAIN_FIELDS = ("guesses", "guess_law", "hop_law", "hop_width", "max_failures", "hops")
 SEED_FIELDS = ("seeds", "mapping")
 BUDGETS = ("guesses", "core_seconds", "solutions")
 STRATEGY = re.compile(r"S\((0|[1-9]\d{0,3})(?:\|(0|[1-9]\d{0,3}))?\)")

@@ -87,12 +87,12 @@ def _hops(job: HopJob, stop: Stop) -> Iterator[SolveRecord]:
 
 
 def _mapped(job: MapJob, stop: Stop) -> Iterator[SolveRecord]:
-    problem, _ = prepared(job.problem, job.settings.n_legs)
-    seed_problem = problem_from(job.seed_problem)
+    problem, seed_problem = warmed(job.problem, job.settings.n_legs), problem_from(job.seed_problem)
+    seed, n_legs = np.array(job.seed_x), job.settings.n_legs
     deadline = _Deadline(job.settings, problem, stop)
     stopwatch = Stopwatch()
     settings = solve_settings(job.settings)
-    outcome = solve_seed(seed_problem, np.array(job.seed_x), problem, job.mapping, settings, deadline)
+    outcome = solve_seed(seed_problem, seed, problem, job.mapping, settings, deadline, n_legs=n_legs)
     times = stopwatch.read()
     if not stop():
         yield _record(job, job.address.hop, problem, outcome, times)
@@ -116,6 +116,14 @@ def prepared(definition: dict[str, Any], n_legs: int) -> tuple[Problem, Transcri
     """Return a problem and its transcription, which each process builds and compiles once."""
     problem = problem_from(definition)
     return problem, _transcribed(problem, n_legs)
+
+
+def warmed(definition: dict[str, Any], n_legs: int) -> Problem:
+    """Return a problem, in a process that has compiled all that its solve calls."""
+    problem = problem_from(definition)
+    if not _transcribed.cache_info().currsize:
+        _transcribed(problem, n_legs)
+    return problem
 
 
 @lru_cache(maxsize=32)

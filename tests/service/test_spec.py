@@ -121,3 +121,7 @@ strategy = "S(1|0)"
 outages = [{ segment = 24, duration_days = 1.0 }]
 seeds = { from = "s0" }
 """
+
+
+def test_both_kinds_of_search_may_set_their_legs():
+    assert spec_from(changed(n_legs=5)).search[1].settings.n_legs == 5

@@ -8,7 +8,7 @@ import pytest
 from core.nlp import ExitStatus, Outcome
 from tests.workers.jobs import hop_job
 from workers import run
-from workers.job import Address, Ending, MapJob
+from workers.job import Address, Ending, MapJob, Settings
 
 GOOD, WEAK, BAD = 1e-3, 0.5, 1e4  # position defects [km]: strict, paper, neither
 
@@ -28,6 +28,7 @@ class Numerics:
         self.guesses, self.settings, self.n_verified = [], [], 0
         self.verdict = verdict
         monkeypatch.setattr(run, "prepared", lambda definition, n_legs: (run.problem_from(definition), None))
+        monkeypatch.setattr(run, "warmed", lambda definition, n_legs: run.problem_from(definition))
         monkeypatch.setattr(run, "Chain", lambda *laws: self)
         monkeypatch.setattr(run.core, "solve", self.solve, raising=False)
         monkeypatch.setattr(run, "solve_seed", self.solve_seed)
@@ -49,7 +50,8 @@ class Numerics:
             raise found
         return found
 
-    def solve_seed(self, problem, x, other, mapping, settings, stop):
+    def solve_seed(self, problem, x, other, mapping, settings, stop, n_legs):
+        self.n_legs = n_legs
         return self.solve(None, x, settings, stop)
 
     def verify(self, problem, x):
@@ -113,7 +115,7 @@ def test_a_solve_that_was_stopped_is_no_guess(monkeypatch):
 
 
 def test_a_map_job_solves_its_seed_once(monkeypatch):
-    Numerics(monkeypatch, [SOLVED])
+    numerics = Numerics(monkeypatch, [SOLVED])
     problem = hop_job().problem
     job = MapJob(
         problem=problem,
@@ -123,8 +125,10 @@ def test_a_map_job_solves_its_seed_once(monkeypatch):
         seed_problem=problem,
         seed_x=(1.0, 2.0),
         mapping="reference",
+        settings=Settings(n_legs=17),
     )
     (solve,) = run.run_job(job).solves
+    assert numerics.n_legs == 17
     assert solve.rng_key == "3/1/1/0/255/0" and solve.move is None and solve.ending is Ending.FEASIBLE
 
 
