@@ -9,8 +9,7 @@ controlled by the state, and the partials are those of the steps taken.
 import numpy as np
 
 from core.dynamics import tableau
-from core.dynamics.force import Array, ForceModel, acceleration, gravity_gradient
-from core.ephemeris import positions
+from core.dynamics.force import FIELD_WIDTH, Array, ForceModel, field_at, gravity, gravity_gradient
 from core.jit import compiled
 
 _STAGES = tableau.N_STAGES
@@ -33,6 +32,9 @@ _MAX_STEPS = 2000
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 6.0
 # First step over the free-fall time at tolerance 1; measured, see docs/decisions/0002-integrator.md.
 _FIRST_STEP = 9.0
+
+#: Where the work array holds the place of a stage.
+_PLACE = 13
 
 
 @compiled
@@ -87,21 +89,20 @@ def propagate(
     ----------
     docs/method.md, eqs. 2-5; Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, II.5.
     """
-    width = r.shape[1]
-    bodies = np.empty(model.bodies.coefficients.shape[2])
-    gradient = np.empty(6)
-    place, r_new, v_new = work[13], work[14], work[15]
     span = t_b - t_a
-    _copy(r, place)
-    positions(model.bodies, t_a, bodies)
-    _rates(
-        model.gm, bodies, place, 0.0, mass, thrust, mass_rate, d_thrust, d_mass_rate, gradient, work[0], width
-    )
-    ends[0] = work[0][:, 0]
-    ends[1] = work[0][:, 0]
+    width = r.shape[1]
+    field = np.empty(FIELD_WIDTH)
+    gm, coefficients = model.gm, model.field.coefficients
+    start, record = model.field.start, model.field.record
+    field_at(start, record, coefficients, t_a, field)
+    _stay(r, work)
+    _gravitate(gm, field, work, 0)
+    _push(0.0, mass, thrust, mass_rate, d_thrust, d_mass_rate, work, 0)
+    for i in range(3):
+        ends[0, i] = ends[1, i] = work[0, i, 0]
     if span == 0.0:
         return 0
-    h = min(_first_step(model.gm, bodies, r, tolerance), abs(span))
+    h = min(_first_step(gm, field, r, tolerance), abs(span))
     t, taken = 0.0, 0
     for _ in range(_MAX_STEPS):
         left = abs(span) - t
@@ -111,50 +112,28 @@ def propagate(
         step = size if span > 0 else -size
         elapsed = t if span > 0 else -t
         for s in range(1, _STAGES):
-            _stage_position(s, step, r, v, work, place, width)
             at = elapsed + _C[s] * step
-            positions(model.bodies, t_a + at, bodies)
-            _rates(
-                model.gm,
-                bodies,
-                place,
-                at,
-                mass,
-                thrust,
-                mass_rate,
-                d_thrust,
-                d_mass_rate,
-                gradient,
-                work[s],
-                width,
-            )
-        _finish(step, r, v, work, r_new, v_new, width)
-        error = _error(step, r, v, r_new, v_new, work, tolerance)
+            field_at(start, record, coefficients, t_a + at, field)
+            if width > STATE:
+                _stage_place(s, step, r, v, work)
+            _state_place(s, step, r, v, work)
+            _gravitate(gm, field, work, s)
+            _push(at, mass, thrust, mass_rate, d_thrust, d_mass_rate, work, s)
+        error = _error(step, r, v, work, tolerance)
         if not np.isfinite(error):
             return NOT_FINITE
         if error <= 1.0:
             t = abs(span) if last else t + size
             taken += 1
-            _copy(r_new, r)
-            _copy(v_new, v)
+            _advance(step, r, v, work)
             at = span if last else (t if span > 0 else -t)
-            positions(model.bodies, t_a + at, bodies)
-            _rates(
-                model.gm,
-                bodies,
-                r,
-                at,
-                mass,
-                thrust,
-                mass_rate,
-                d_thrust,
-                d_mass_rate,
-                gradient,
-                work[0],
-                width,
-            )
+            field_at(start, record, coefficients, t_a + at, field)
+            _stay(r, work)
+            _gravitate(gm, field, work, 0)
+            _push(at, mass, thrust, mass_rate, d_thrust, d_mass_rate, work, 0)
             if last:
-                ends[1] = work[0][:, 0]
+                for i in range(3):
+                    ends[1, i] = work[0, i, 0]
                 return taken
         factor = _SAFETY * error ** (-0.125) if error > 0.0 else _GROW
         h = size * min(_GROW, max(_SHRINK, factor))
@@ -162,63 +141,110 @@ def propagate(
 
 
 @compiled
-def _copy(source: Array, target: Array) -> None:
-    for i in range(3):
-        for j in range(min(source.shape[1], target.shape[1])):
-            target[i, j] = source[i, j]
-
-
-@compiled
-def _first_step(gm: Array, bodies: Array, r: Array, tolerance: float) -> float:
+def _first_step(gm: Array, field: Array, r: Array, tolerance: float) -> float:
     """Scale the free-fall time to the nearer of Earth and Moon to the tolerance of an order-8 method."""
     to_earth = (r[0, 0] ** 2 + r[1, 0] ** 2 + r[2, 0] ** 2) ** 1.5 / gm[0]
-    dx, dy, dz = r[0, 0] - bodies[0], r[1, 0] - bodies[1], r[2, 0] - bodies[2]
+    dx, dy, dz = r[0, 0] - field[0], r[1, 0] - field[1], r[2, 0] - field[2]
     to_moon = (dx * dx + dy * dy + dz * dz) ** 1.5 / gm[1]
     return float(_FIRST_STEP * min(to_earth, to_moon) ** 0.5 * tolerance**0.125)
 
 
 @compiled
-def _stage_position(s: int, h: float, r: Array, v: Array, work: Array, place: Array, width: int) -> None:
+def _stay(r: Array, work: Array) -> None:
+    """Make the first stage's place that of the step's beginning."""
     for i in range(3):
-        for q in range(width):
-            place[i, q] = r[i, q] + _C[s] * h * v[i, q]
+        for q in range(r.shape[1]):
+            work[_PLACE, i, q] = r[i, q]
+
+
+@compiled
+def _stage_place(s: int, h: float, r: Array, v: Array, work: Array) -> None:
+    for i in range(3):
+        for q in range(r.shape[1]):
+            work[_PLACE, i, q] = r[i, q] + _C[s] * h * v[i, q]
     for p in range(s):
         factor = h * h * _A[s, p]
         if factor != 0.0:
             for i in range(3):
-                for q in range(width):
-                    place[i, q] += factor * work[p, i, q]
+                for q in range(r.shape[1]):
+                    work[_PLACE, i, q] += factor * work[p, i, q]
 
 
 @compiled
-def _finish(h: float, r: Array, v: Array, work: Array, r_new: Array, v_new: Array, width: int) -> None:
+def _state_place(s: int, h: float, r: Array, v: Array, work: Array) -> None:
+    """Do the same for the state alone, which stays in registers."""
+    x, y, z = 0.0, 0.0, 0.0
+    for p in range(s):
+        weight = _A[s, p]
+        x += weight * work[p, 0, 0]
+        y += weight * work[p, 1, 0]
+        z += weight * work[p, 2, 0]
+    work[_PLACE, 0, 0] = r[0, 0] + h * (_C[s] * v[0, 0] + h * x)
+    work[_PLACE, 1, 0] = r[1, 0] + h * (_C[s] * v[1, 0] + h * y)
+    work[_PLACE, 2, 0] = r[2, 0] + h * (_C[s] * v[2, 0] + h * z)
+
+
+@compiled
+def _gravitate(gm: Array, field: Array, work: Array, s: int) -> None:
+    """Write the accelerations of all columns by gravity at one moment, docs/method.md eqs. 2 and 4."""
+    x, y, z = work[_PLACE, 0, 0], work[_PLACE, 1, 0], work[_PLACE, 2, 0]
+    ax, ay, az = gravity(gm, field, x, y, z)
+    if work.shape[2] > STATE:
+        xx, xy, xz, yy, yz, zz = gravity_gradient(gm, field, x, y, z)
+        for q in range(work.shape[2]):
+            x, y, z = work[_PLACE, 0, q], work[_PLACE, 1, q], work[_PLACE, 2, q]
+            work[s, 0, q] = xx * x + xy * y + xz * z
+            work[s, 1, q] = xy * x + yy * y + yz * z
+            work[s, 2, q] = xz * x + yz * y + zz * z
+    work[s, 0, 0], work[s, 1, 0], work[s, 2, 0] = ax, ay, az
+
+
+@compiled
+def _push(
+    at: float,
+    mass: float,
+    thrust: Array,
+    mass_rate: float,
+    d_thrust: Array,
+    d_mass_rate: Array,
+    work: Array,
+    s: int,
+) -> None:
+    """Add the accelerations of all columns by the thrust, docs/method.md eq. 5."""
+    inverse = 1.0 / (mass - mass_rate * at)
+    width = work.shape[2]
     for i in range(3):
-        for q in range(width):
-            r_new[i, q] = r[i, q] + h * v[i, q]
-            v_new[i, q] = v[i, q]
-    for p in range(_STAGES):
-        by_position, by_velocity = h * h * _B[p], h * _BV[p]
-        if by_position != 0.0 or by_velocity != 0.0:
+        work[s, i, 0] += thrust[i] * inverse
+    if width > STATE:
+        for i in range(3):
+            work[s, i, 7] -= thrust[i] * inverse * inverse
+    if width == THRUST:
+        for j in range(3):
+            # The mass has lost d_mass_rate * elapsed more per unit of control j.
+            by_mass = inverse * inverse * d_mass_rate[j] * at
             for i in range(3):
-                for q in range(width):
-                    r_new[i, q] += by_position * work[p, i, q]
-                    v_new[i, q] += by_velocity * work[p, i, q]
+                work[s, i, 8 + j] += d_thrust[j, i] * inverse + thrust[i] * by_mass
 
 
 @compiled
-def _error(h: float, r: Array, v: Array, r_new: Array, v_new: Array, work: Array, tolerance: float) -> float:
+def _error(h: float, r: Array, v: Array, work: Array, tolerance: float) -> float:
     """Return the error of the state over its bound, combined from orders 5 and 3 as DOP853 does."""
     sum5, sum3 = 0.0, 0.0
     for i in range(3):
+        r_new, v_new = 0.0, 0.0
         r5, r3, v5, v3 = 0.0, 0.0, 0.0, 0.0
         for p in range(_STAGES):
             a = work[p, i, 0]
+            r_new += _B[p] * a
+            v_new += _BV[p] * a
             r5 += _E5[p] * a
             r3 += _E3[p] * a
             v5 += _E5V[p] * a
             v3 += _E3V[p] * a
-        scale_r = tolerance * (1.0 + max(abs(r[i, 0]), abs(r_new[i, 0])))
-        scale_v = tolerance * (1.0 + max(abs(v[i, 0]), abs(v_new[i, 0])))
+        r_new = r[i, 0] + h * (v[i, 0] + h * r_new)
+        v_new = v[i, 0] + h * v_new
+        scale_r = tolerance * (1.0 + max(abs(r[i, 0]), abs(r_new)))
+        scale_v = tolerance * (1.0 + max(abs(v[i, 0]), abs(v_new)))
         sum5 += (h * r5 / scale_r) ** 2 + (v5 / scale_v) ** 2
         sum3 += (h * r3 / scale_r) ** 2 + (v3 / scale_v) ** 2
     if sum5 == 0.0 and sum3 == 0.0:
@@ -227,37 +253,16 @@ def _error(h: float, r: Array, v: Array, r_new: Array, v_new: Array, work: Array
 
 
 @compiled
-def _rates(
-    gm: Array,
-    bodies: Array,
-    r: Array,
-    elapsed: float,
-    mass: float,
-    thrust: Array,
-    mass_rate: float,
-    d_thrust: Array,
-    d_mass_rate: Array,
-    gradient: Array,
-    out: Array,
-    width: int,
-) -> None:
-    """Write the accelerations of all columns at one moment, docs/method.md eqs. 2, 4 and 5."""
-    inverse = 1.0 / (mass - mass_rate * elapsed)
-    acceleration(gm, bodies, r[:, 0], out[:, 0])
-    if width > STATE:
-        gravity_gradient(gm, bodies, r[:, 0], gradient)
-        xx, xy, xz, yy, yz, zz = gradient[0], gradient[1], gradient[2], gradient[3], gradient[4], gradient[5]
-        for q in range(1, width):
-            x, y, z = r[0, q], r[1, q], r[2, q]
-            out[0, q] = xx * x + xy * y + xz * z
-            out[1, q] = xy * x + yy * y + yz * z
-            out[2, q] = xz * x + yz * y + zz * z
+def _advance(h: float, r: Array, v: Array, work: Array) -> None:
+    """Take the step in all columns."""
+    width = r.shape[1]
     for i in range(3):
-        out[i, 0] += thrust[i] * inverse
-        if width >= COAST:
-            out[i, 7] -= thrust[i] * inverse * inverse
-        if width == THRUST:
-            for j in range(3):
-                # The mass has lost d_mass_rate * elapsed more per unit of control j.
-                by_mass = thrust[i] * inverse * inverse * d_mass_rate[j] * elapsed
-                out[i, 8 + j] += d_thrust[j, i] * inverse + by_mass
+        for q in range(width):
+            r[i, q] += h * v[i, q]
+    for p in range(_STAGES):
+        by_position, by_velocity = h * h * _B[p], h * _BV[p]
+        if by_position != 0.0 or by_velocity != 0.0:
+            for i in range(3):
+                for q in range(width):
+                    r[i, q] += by_position * work[p, i, q]
+                    v[i, q] += by_velocity * work[p, i, q]

@@ -9,12 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.constants import G0, GM_EARTH, GM_JUPITER, GM_MOON, GM_SUN
-from core.ephemeris import EphemerisTable
+from core.ephemeris import EphemerisTable, coefficients_through, values_at_nodes
 from core.jit import compiled
 from core.problem import Problem
 from core.units import exhaust_velocity_canonical, gm_canonical, thrust_canonical
 
 Array = NDArray[np.float64]
+
+#: Columns of a `field_table`.
+FIELD_WIDTH = 16
 
 
 class ForceModel(NamedTuple):
@@ -28,78 +31,147 @@ class ForceModel(NamedTuple):
     exhaust_velocity: float
     #: Positions of Moon, Sun and Jupiter.
     bodies: EphemerisTable
+    #: Those and the Earth's fall, see `field_table`.
+    field: EphemerisTable
 
 
 def force_model(problem: Problem, bodies: EphemerisTable) -> ForceModel:
     """Return the force model of a problem over the span of an ephemeris table."""
     craft = problem.spacecraft
+    gm = np.array([gm_canonical(gm) for gm in (GM_EARTH, GM_MOON, GM_SUN, GM_JUPITER)])
     return ForceModel(
-        gm=np.array([gm_canonical(gm) for gm in (GM_EARTH, GM_MOON, GM_SUN, GM_JUPITER)]),
+        gm=gm,
         max_thrust=thrust_canonical(craft.max_thrust_n),
         exhaust_velocity=exhaust_velocity_canonical(craft.isp_s, G0),
         bodies=bodies,
+        field=field_table(gm, bodies),
     )
 
 
-@compiled
-def _inverse_cube(square: float) -> float:
-    # A root and a division cost a third of the power function.
-    return float(1.0 / (square * np.sqrt(square)))
+def field_table(gm: Array, bodies: EphemerisTable) -> EphemerisTable:
+    """Return a table of bodies with three columns more: how Moon, Sun and Jupiter accelerate the Earth.
 
-
-@compiled
-def acceleration(gm: Array, bodies: Array, r: Array, out: Array) -> None:
-    """Write the gravitational acceleration relative to the Earth, docs/method.md eq. 2.
+    The fall of the Earth depends on time alone, and a polynomial costs a tenth of its three roots.  Columns
+    of zeros follow: compilers vectorize no loop that is shorter than 16.
 
     Parameters
     ----------
     gm : (4,) array
         Gravitational parameters of Earth, Moon, Sun, Jupiter [LU^3/TU^2].
-    bodies : (9,) array
+    bodies : EphemerisTable
         Positions of Moon, Sun, Jupiter [LU].
-    r : (3,) array
-        Spacecraft position [LU].
-    out : (3,) array
-        Acceleration [LU/TU^2].
     """
-    pull = gm[0] * _inverse_cube(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
-    ax, ay, az = -pull * r[0], -pull * r[1], -pull * r[2]
-    for b in range(3):
-        bx, by, bz = bodies[3 * b], bodies[3 * b + 1], bodies[3 * b + 2]
-        dx, dy, dz = bx - r[0], by - r[1], bz - r[2]
-        pull = gm[b + 1] * _inverse_cube(dx * dx + dy * dy + dz * dz)
-        # The Earth falls too, so only the difference of the two pulls is felt.
-        fall = gm[b + 1] * _inverse_cube(bx * bx + by * by + bz * bz)
-        ax += pull * dx - fall * bx
-        ay += pull * dy - fall * by
-        az += pull * dz - fall * bz
-    out[0], out[1], out[2] = ax, ay, az
+    places = values_at_nodes(bodies)
+    apart = places.reshape(*places.shape[:2], 3, 3)
+    pulls = gm[1:, None] * apart / np.linalg.norm(apart, axis=3, keepdims=True) ** 3
+    falls = coefficients_through(pulls.sum(axis=2))
+    rest = np.zeros((*falls.shape[:2], FIELD_WIDTH - 12))
+    columns = np.concatenate([bodies.coefficients, falls, rest], axis=2)
+    return bodies._replace(coefficients=columns)
 
 
 @compiled
-def gravity_gradient(gm: Array, bodies: Array, r: Array, out: Array) -> None:
-    """Write d acceleration / d r, docs/method.md eq. 4: symmetric and without trace.
+def field_at(start: float, record: float, c: Array, t: float, out: Array) -> None:
+    """Write a row of a `field_table` at t; NaN outside its span.
+
+    It is called ten times a step, hence the terms in one expression, and the table in pieces: to take an
+    array out of a tuple counts its references.
 
     Parameters
     ----------
-    gm, bodies, r
-        As for `acceleration`.
-    out : (6,) array
+    start, record : float
+        Beginning of the table and length of its records [TU past the origin, TU].
+    c : (n_records, 8, 16) array
+        Its coefficients [LU].
+    t : float
+        Epoch [TU past the origin].
+    out : (16,) array
+        Positions [LU], acceleration of the Earth [LU/TU^2], zeros.
+    """
+    place = (t - start) / record
+    if not (0.0 <= place <= c.shape[0]):
+        for j in range(FIELD_WIDTH):
+            out[j] = np.nan
+        return
+    n = min(int(place), c.shape[0] - 1)
+    x = 2.0 * (place - n) - 1.0
+    # T_k(x) by their recurrence; eq. (E1) of docs/method.md.
+    t2 = 2.0 * x * x - 1.0
+    t3 = 2.0 * x * t2 - x
+    t4 = 2.0 * x * t3 - t2
+    t5 = 2.0 * x * t4 - t3
+    t6 = 2.0 * x * t5 - t4
+    t7 = 2.0 * x * t6 - t5
+    for j in range(FIELD_WIDTH):
+        low = (c[n, 0, j] + x * c[n, 1, j]) + (t2 * c[n, 2, j] + t3 * c[n, 3, j])
+        high = (t4 * c[n, 4, j] + t5 * c[n, 5, j]) + (t6 * c[n, 6, j] + t7 * c[n, 7, j])
+        out[j] = low + high
+
+
+@compiled
+def gravity(gm: Array, field: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return the gravitational acceleration relative to the Earth, docs/method.md eq. 2.
+
+    Parameters
+    ----------
+    gm : (4,) array
+        Gravitational parameters of Earth, Moon, Sun, Jupiter [LU^3/TU^2].
+    field : (>= 12,) array
+        A row of `field_table`: positions [LU], and the acceleration of the Earth [LU/TU^2].
+    x, y, z : float
+        Spacecraft position [LU].
+
+    Returns
+    -------
+    (3,) tuple
+        Acceleration [LU/TU^2].
+    """
+    # A root and a division cost a third of the power function.
+    square = x * x + y * y + z * z
+    pull = gm[0] / (square * np.sqrt(square))
+    # The Earth falls too, so only the difference of the two pulls is felt.
+    ax, ay, az = -pull * x - field[9], -pull * y - field[10], -pull * z - field[11]
+    for b in range(3):
+        dx, dy, dz = field[3 * b] - x, field[3 * b + 1] - y, field[3 * b + 2] - z
+        square = dx * dx + dy * dy + dz * dz
+        pull = gm[b + 1] / (square * np.sqrt(square))
+        ax += pull * dx
+        ay += pull * dy
+        az += pull * dz
+    return ax, ay, az
+
+
+@compiled
+def gravity_gradient(
+    gm: Array, field: Array, x: float, y: float, z: float
+) -> tuple[float, float, float, float, float, float]:
+    """Return d acceleration / d r, docs/method.md eq. 4: symmetric and without trace.
+
+    Parameters
+    ----------
+    gm, field, x, y, z
+        As for `gravity`.
+
+    Returns
+    -------
+    (6,) tuple
         Entries xx, xy, xz, yy, yz, zz [1/TU^2].
     """
-    out[:] = 0.0
+    xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for b in range(4):
-        dx, dy, dz = r[0], r[1], r[2]
+        dx, dy, dz = x, y, z
         if b > 0:
-            dx -= bodies[3 * b - 3]
-            dy -= bodies[3 * b - 2]
-            dz -= bodies[3 * b - 1]
+            dx -= field[3 * b - 3]
+            dy -= field[3 * b - 2]
+            dz -= field[3 * b - 1]
         square = dx * dx + dy * dy + dz * dz
-        pull = gm[b] * _inverse_cube(square)
+        # As in `gravity`, so that the compiler finds the root and the division once for both.
+        pull = gm[b] / (square * np.sqrt(square))
         tide = 3.0 * pull / square
-        out[0] += tide * dx * dx - pull
-        out[1] += tide * dx * dy
-        out[2] += tide * dx * dz
-        out[3] += tide * dy * dy - pull
-        out[4] += tide * dy * dz
-        out[5] += tide * dz * dz - pull
+        xx += tide * dx * dx - pull
+        xy += tide * dx * dy
+        xz += tide * dx * dz
+        yy += tide * dy * dy - pull
+        yz += tide * dy * dz
+        zz += tide * dz * dz - pull
+    return xx, xy, xz, yy, yz, zz

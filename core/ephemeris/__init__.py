@@ -8,10 +8,12 @@ from core.ephemeris.tables import (
     EphemerisTable,
     EpochError,
     body_table,
+    coefficients_through,
     positions,
     span_days,
     state_at,
     states,
+    values_at_nodes,
 )
 
 __all__ = [
@@ -20,6 +22,7 @@ __all__ = [
     "KernelError",
     "body_table",
     "check_kernels",
+    "coefficients_through",
     "furnish",
     "kernel_hashes",
     "one_at_a_time",
@@ -27,4 +30,5 @@ __all__ = [
     "span_days",
     "state_at",
     "states",
+    "values_at_nodes",
 ]

@@ -116,6 +116,13 @@ def coefficients_through(samples: Array) -> Array:
     return np.ascontiguousarray(np.einsum("kj,rjc->rkc", to_coefficients, samples))
 
 
+def values_at_nodes(table: EphemerisTable) -> Array:
+    """Return the values of a table (n_records, n_coefficients, n_columns) at its `record_nodes` [its unit]."""
+    n_coefficients = table.coefficients.shape[1]
+    from_coefficients = chebyshev.chebvander(_extrema(n_coefficients), n_coefficients - 1)
+    return np.asarray(np.einsum("jk,rkc->rjc", from_coefficients, table.coefficients))
+
+
 def _extrema(n: int) -> Array:
     # They include both ends, so that neighbouring records meet and an integrator sees no jump.
     return np.asarray(-np.cos(np.pi * np.arange(n) / (n - 1)))

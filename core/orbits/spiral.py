@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from core.constants import G0, GM_EARTH, GM_JUPITER, GM_MOON, GM_SUN
-from core.dynamics.force import acceleration
-from core.ephemeris import EphemerisTable, body_table, positions, states
+from core.dynamics.force import FIELD_WIDTH, field_at, field_table, gravity
+from core.ephemeris import EphemerisTable, body_table, states
 from core.jit import compiled
 from core.orbits.rotating import jacobi
 from core.problem import Spacecraft, SpiralDeparture, StateDeparture, calendar_epoch, seconds_past_j2000
@@ -97,7 +97,7 @@ def _end_of_spiral(departure: SpiralDeparture, spacecraft: Spacecraft) -> Depart
         method="DOP853",
         rtol=_TOLERANCE,
         atol=_TOLERANCE,
-        args=(bodies, gm, max_thrust, mass_rate),
+        args=(field_table(gm, bodies), gm, max_thrust, mass_rate),
         events=_until(departure, bodies),
     )
     t, y = float(arc.t[-1]), arc.y[:, -1]
@@ -146,13 +146,13 @@ def _until(departure: SpiralDeparture, bodies: EphemerisTable) -> Callable[..., 
 
 @compiled
 def _rates(
-    t: float, y: Array, bodies: EphemerisTable, gm: Array, max_thrust: float, mass_rate: float
+    t: float, y: Array, field: EphemerisTable, gm: Array, max_thrust: float, mass_rate: float
 ) -> Array:
     """Return the derivative of the state (7,): docs/method.md eqs. 1-3 with the thrust along the velocity."""
-    place, rates = np.empty(9), np.empty(7)
-    positions(bodies, t, place)
+    here, rates = np.empty(FIELD_WIDTH), np.empty(7)
+    field_at(field.start, field.record, field.coefficients, t, here)
     rates[:3] = y[3:6]
-    acceleration(gm, place, y[:3], rates[3:6])
+    rates[3], rates[4], rates[5] = gravity(gm, here, y[0], y[1], y[2])
     push = max_thrust / (y[6] * np.sqrt(y[3] ** 2 + y[4] ** 2 + y[5] ** 2))
     for i in range(3):
         rates[3 + i] += push * y[3 + i]

@@ -5,7 +5,8 @@ import pytest
 import spiceypy
 from scipy.integrate import solve_ivp
 
-from core.dynamics import NOT_FINITE, TOO_MANY_STEPS
+from core.dynamics import NOT_FINITE, TOO_MANY_STEPS, force_model
+from core.dynamics.force import field_table
 from core.ephemeris import body_table, furnish
 from core.transcription import TOLERANCE
 from tests.core.dynamics.arcs import ORIGIN_ET, PRESET, fly, fly_with_partials, preset_model
@@ -24,8 +25,14 @@ THRUST = 0.7 * 0.0732402 * np.array([0.48, -0.64, 0.6])
 MASS_RATE = 0.7 * 2.825797e-3
 
 
+def pulling(gm):
+    """Return the preset's model with other gravitational parameters."""
+    model = preset_model()
+    return model._replace(gm=gm, field=field_table(gm, model.bodies))
+
+
 def earth_alone(gm=1.0):
-    return preset_model()._replace(gm=np.array([gm, 0.0, 0.0, 0.0]))
+    return pulling(np.array([gm, 0.0, 0.0, 0.0]))
 
 
 def circular(t):
@@ -75,7 +82,7 @@ def test_an_ellipse_is_flown_as_kepler_says(eccentricity, direction):
 
 
 def test_without_gravity_the_velocity_is_that_of_the_rocket_equation():
-    model = preset_model()._replace(gm=np.zeros(4))
+    model = pulling(np.zeros(4))
     y = np.array([1.0, 2.0, 3.0, 0.1, 0.2, 0.3, 0.8])
     span, rate = 30.0, 0.01
     _, end = fly(model, 0.0, span, y, THRUST, rate)
@@ -179,7 +186,7 @@ def test_accelerations_at_both_ends_are_the_rates_of_the_velocity():
 
 @pytest.mark.parametrize("stop_days", [-6.0, 45.0])
 def test_an_arc_beyond_the_table_is_a_status(stop_days):
-    narrow = preset_model()._replace(bodies=body_table(ORIGIN_ET, -5.0, 40.0))
+    narrow = force_model(PRESET, body_table(ORIGIN_ET, -5.0, 40.0))
     assert fly(narrow, 0.0, stop_days * DAY, START)[0] == NOT_FINITE
 
 
