@@ -117,7 +117,7 @@ def coefficients_through(samples: Array) -> Array:
 
 
 def values_at_nodes(table: EphemerisTable) -> Array:
-    """Return the values of a table (n_records, n_coefficients, n_columns) at its `record_nodes` [its unit]."""
+    """Return values (n_records, n_coefficients, n_columns) of a table at `record_nodes` [as its own]."""
     n_coefficients = table.coefficients.shape[1]
     from_coefficients = chebyshev.chebvander(_extrema(n_coefficients), n_coefficients - 1)
     return np.asarray(np.einsum("jk,rkc->rjc", from_coefficients, table.coefficients))
