@@ -77,7 +77,7 @@ def propagate(
         Columns at t_a on entry, at t_b on return.
     ends : (2, 3) array
         Total acceleration of the state at t_a and t_b [LU/TU^2].
-    work : (16, 3, >= columns) array
+    work : (16, 3, columns) array
         Scratch space.
 
     Returns
@@ -91,6 +91,7 @@ def propagate(
     """
     span = t_b - t_a
     width = r.shape[1]
+    flat_r, flat_v, flat_work = r.reshape(3 * width), v.reshape(3 * width), work.reshape(16, 3 * width)
     field = np.empty(FIELD_WIDTH)
     gm, coefficients = model.gm, model.field.coefficients
     start, record = model.field.start, model.field.record
@@ -115,7 +116,7 @@ def propagate(
             at = elapsed + _C[s] * step
             field_at(start, record, coefficients, t_a + at, field)
             if width > STATE:
-                _stage_place(s, step, r, v, work)
+                _stage_place(s, step, flat_r, flat_v, flat_work)
             _state_place(s, step, r, v, work)
             _gravitate(gm, field, work, s)
             _push(at, mass, thrust, mass_rate, d_thrust, d_mass_rate, work, s)
@@ -125,7 +126,7 @@ def propagate(
         if error <= 1.0:
             t = abs(span) if last else t + size
             taken += 1
-            _advance(step, r, v, work)
+            _advance(step, flat_r, flat_v, flat_work)
             at = span if last else (t if span > 0 else -t)
             field_at(start, record, coefficients, t_a + at, field)
             _stay(r, work)
@@ -159,15 +160,14 @@ def _stay(r: Array, work: Array) -> None:
 
 @compiled
 def _stage_place(s: int, h: float, r: Array, v: Array, work: Array) -> None:
-    for i in range(3):
-        for q in range(r.shape[1]):
-            work[_PLACE, i, q] = r[i, q] + _C[s] * h * v[i, q]
+    """Write the places of all columns at a stage; the arrays are flat, for loops worth vectorizing."""
+    for q in range(r.shape[0]):
+        work[_PLACE, q] = r[q] + _C[s] * h * v[q]
     for p in range(s):
         factor = h * h * _A[s, p]
         if factor != 0.0:
-            for i in range(3):
-                for q in range(r.shape[1]):
-                    work[_PLACE, i, q] += factor * work[p, i, q]
+            for q in range(r.shape[0]):
+                work[_PLACE, q] += factor * work[p, q]
 
 
 @compiled
@@ -254,15 +254,13 @@ def _error(h: float, r: Array, v: Array, work: Array, tolerance: float) -> float
 
 @compiled
 def _advance(h: float, r: Array, v: Array, work: Array) -> None:
-    """Take the step in all columns."""
-    width = r.shape[1]
-    for i in range(3):
-        for q in range(width):
-            r[i, q] += h * v[i, q]
+    """Take the step in all columns of the flat arrays."""
+    for q in range(r.shape[0]):
+        r[q] += h * v[q]
     for p in range(_STAGES):
         by_position, by_velocity = h * h * _B[p], h * _BV[p]
         if by_position != 0.0 or by_velocity != 0.0:
-            for i in range(3):
-                for q in range(width):
-                    r[i, q] += by_position * work[p, i, q]
-                    v[i, q] += by_velocity * work[p, i, q]
+            for q in range(r.shape[0]):
+                r[q] += by_position * work[p, q]
+            for q in range(r.shape[0]):
+                v[q] += by_velocity * work[p, q]
