@@ -1,0 +1,92 @@
+"""`coastarc bench`: how fast this machine is at what campaigns are made of."""
+
+import json
+import os
+import platform
+from dataclasses import asdict
+from importlib.metadata import version
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from threadpoolctl import threadpool_limits
+
+from service import report
+
+bench = typer.Typer(help="Measure the speed of the numerics.", no_args_is_help=True)
+#: Packages on which the speed depends.
+PACKAGES = ("numpy", "scipy", "numba", "llvmlite")
+
+RngSeed = Annotated[int, typer.Option(min=0, help="Fixes the points.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
+
+@bench.callback()
+def _group() -> None:
+    """Measure the speed of the numerics."""
+
+
+@bench.command()
+def evaluate(
+    rng_seed: RngSeed = 1,
+    points: Annotated[int, typer.Option(min=3, help="Points of the box.")] = 20,
+    repeats: Annotated[int, typer.Option(min=1, help="Repetitions, of which the least time counts.")] = 7,
+    as_json: Json = False,
+) -> None:
+    """Time defects and their Jacobian for k = 0, 1, 3, 12 and N = 50, 100, beside SciPy."""
+    from core.problem import load_problem
+    from workers.bench_evaluate import bench_evaluate
+
+    with threadpool_limits(1):
+        rows = bench_evaluate(load_problem("ppe-drm3"), rng_seed, points, repeats)
+    settings = {"rng_seed": rng_seed, "points": points, "repeats": repeats}
+    if as_json:
+        content = {"machine": machine(), "settings": settings, "rows": [asdict(row) for row in rows]}
+        typer.echo(json.dumps(content, indent=2))
+    else:
+        _show(rows, settings)
+
+
+def _show(rows: list[Any], settings: dict[str, int]) -> None:
+    columns = (
+        "k",
+        "N",
+        "defects",
+        "with Jacobian",
+        "ephemeris",
+        "propagation",
+        "assembly",
+        "P_k/P_0",
+        "SciPy/ours",
+    )
+    listed = report.table(*columns, title="CPU ms, medians over points of the least of the repetitions")
+    for row in rows:
+        times = (row.defects_ms, row.jacobian_ms, row.ephemeris_ms, row.propagation_ms, row.assembly_ms)
+        ratio = "-" if row.scipy_over_ours is None else f"{row.scipy_over_ours:.0f}"
+        shown = (f"{time:.3f}" for time in times)
+        listed.add_row(str(row.k), str(row.n_segments), *shown, f"{row.cost_over_p0:.2f}", ratio)
+    console = Console(width=110)
+    console.print(listed)
+    for name, value in (machine() | settings).items():
+        console.print(f"{name}: {value}", highlight=False)
+
+
+def machine() -> dict[str, str]:
+    """Return what the times depend on beside the code."""
+    from workers.provenance import code_version
+
+    versions = ", ".join(f"{name} {version(name)}" for name in PACKAGES)
+    return {
+        "machine": f"{platform.node()}, {_processor()}, {os.cpu_count()} cores, {platform.system()}",
+        "python": platform.python_version(),
+        "packages": versions,
+        "code": code_version(),
+    }
+
+
+def _processor() -> str:
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8") as lines:
+            return next(line.split(":")[1].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or platform.machine()
