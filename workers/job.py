@@ -45,7 +45,8 @@ class Address(Message):
 class Settings(Message):
     """What shapes a solve besides its guess; caps are scaled by 1 + k inside `core.solve`."""
 
-    cpu_seconds: Annotated[float, Field(gt=0, le=86400, allow_inf_nan=False)] = 30.0
+    #: Far above what the iterations take, so that counts shape a result and the clock only guards it.
+    cpu_seconds: Annotated[float, Field(gt=0, le=86400, allow_inf_nan=False)] = 120.0
     max_iterations: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
     n_legs: Annotated[int, Field(ge=1, le=200)] = 10
 

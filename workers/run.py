@@ -36,6 +36,7 @@ ENDINGS = {
     "NOT_FINITE": Ending.NUMERICAL,
     "SOLVER_FAILURE": Ending.NUMERICAL,
     "TIMEOUT": Ending.TIMEOUT,
+    "FEASIBLE_AT_DEADLINE": Ending.TIMEOUT,
     # Nobody asked it to: a job that was cancelled hands in no record, so this was the wall clock.
     "STOPPED": Ending.TIMEOUT,
 }

@@ -62,6 +62,8 @@ class SearchView(Answer):
     mapping: str | None
     #: Name of the search that the seeds come from.
     seeds_from: str | None
+    #: Solves per chain; with one there is nothing to hop from.
+    hops: int
     jobs: JobCounts
     #: Solves planned so far; None while a budget in core seconds or solutions is open.
     n_guesses_planned: int | None
@@ -72,6 +74,8 @@ class SearchView(Answer):
     #: Different solutions in the archive.
     n_solutions: int
     endings: dict[str, int]
+    #: Solves by name of their `core.nlp.ExitStatus`.
+    statuses: dict[str, int]
     best_solution_id: str | None
     best_delta_v_km_s: float | None
     best_propellant_kg: float | None

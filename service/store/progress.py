@@ -74,9 +74,9 @@ def _search(session: Session, campaign: CampaignRow, row: SearchRow) -> SearchVi
     spec = search_spec(campaign, row)
     jobs = select(JobRow.state, func.count()).where(JobRow.search_id == row.id).group_by(JobRow.state)
     counts = counted(session, jobs)
-    endings = (
-        select(SolveRow.ending, func.count()).where(SolveRow.search_id == row.id).group_by(SolveRow.ending)
-    )
+    of_search = SolveRow.search_id == row.id
+    endings = select(SolveRow.ending, func.count()).where(of_search).group_by(SolveRow.ending)
+    statuses = select(SolveRow.status, func.count()).where(of_search).group_by(SolveRow.status)
     return SearchView(
         id=row.id,
         name=row.name,
@@ -88,8 +88,10 @@ def _search(session: Session, campaign: CampaignRow, row: SearchRow) -> SearchVi
         mapping=spec.mapping if spec.seeds else None,
         seeds_from=spec.seeds.source if spec.seeds else None,
         jobs=JobCounts(**counts),
+        hops=spec.hops,
         n_guesses_planned=plan.n_planned(spec, sum(counts.values())),
         endings=counted(session, endings),
+        statuses=counted(session, statuses),
         **_totals(session, row.id),
         **_best(session, row.id),
     )

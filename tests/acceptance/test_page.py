@@ -120,6 +120,8 @@ def test_searches_say_how_far_they_are_and_what_they_found(page):
     assert "40\u202f%" in card and "12\u202f% to 77\u202f%" in card  # Wilson's interval of 2 in 5
     assert re.search(r"Best Δv\s+0\.\d{4}\u00a0km/s", card)
     assert "segment 24, 1.0\u00a0d" in page.inner_text("[data-search=s1-0]")
+    # Chains of one solve do not hop.
+    assert "Guesses drawn at random; no outage to survive." in card
 
 
 def test_the_best_robust_solution_is_drawn_unasked(page):

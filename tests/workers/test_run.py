@@ -154,3 +154,13 @@ def test_the_wall_clock_stops_a_solve_that_gets_no_processor(monkeypatch):
 def test_every_status_of_the_solver_has_an_ending(monkeypatch, status):
     Numerics(monkeypatch, [outcome(status, BAD)])
     assert run.run_job(hop_job()).ending in (Ending.INFEASIBLE, Ending.NUMERICAL, Ending.TIMEOUT)
+
+
+def test_a_solve_that_the_deadline_cut_short_and_the_verifier_refuses_is_out_of_time(monkeypatch):
+    Numerics(monkeypatch, [outcome(ExitStatus.FEASIBLE_AT_DEADLINE, GOOD)], verdict=(False, False))
+    assert run.run_job(hop_job()).ending is Ending.TIMEOUT
+
+
+def test_counts_end_a_solve_long_before_the_clock_does():
+    # 1200 iterations were measured to take 7.3 s; a slower processor has more than ten times that.
+    assert run.solve_settings(Settings()).cpu_seconds >= 100.0

@@ -8,6 +8,7 @@
  *   id: number, name: string, strategy: string, state: string, k: number, outages: Outage[],
  *   mapping: string | null, seeds_from: string | null, jobs: JobCounts, n_guesses_planned: number | null,
  *   n_solves: number, n_paper: number, n_strict: number, n_solutions: number, endings: Record<string, number>,
+ *   statuses: Record<string, number>, hops: number,
  *   best_solution_id: string | null, best_delta_v_km_s: number | null, best_propellant_kg: number | null,
  *   cpu_seconds: number }} Search
  * @typedef {{

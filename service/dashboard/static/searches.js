@@ -35,8 +35,9 @@ function card(search) {
 
 /** @param {Search} search */
 function about(search) {
-  if (search.k === 0) return "Guesses drawn at random, improved by hops; no outage to survive.";
-  const source = search.seeds_from ? `Seeds from ${search.seeds_from}, mapped “${search.mapping}”. ` : "";
+  const drawn = `Guesses drawn at random${search.hops > 1 ? ", improved by hops" : ""}`;
+  if (search.k === 0) return `${drawn}; no outage to survive.`;
+  const source = search.seeds_from ? `Seeds from ${search.seeds_from}, mapped “${search.mapping}”. ` : `${drawn}. `;
   return `${source}Survives ${search.k === 1 ? "an outage" : `${search.k} outages`}: ${outages(search.outages)}.`;
 }
 
