@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Protocol
 
 from workers.executor import Executor, Finished, Ticket
-from workers.job import Claim, JobOutcome
+from workers.job import Claim, Ending, JobOutcome, wall_limit_s
 
 #: Longest wait for an outcome before new jobs are asked for again [s].
 PATIENCE_S = 0.2
@@ -49,7 +49,9 @@ class Dispatcher:
         self._worker = worker
         self._heartbeat_s = heartbeat_s
         self._next_heartbeat = 0.0
-        self._held: set[Ticket] = set()
+        #: When the process of each job that is worked on counts as hung.
+        self._held: dict[Ticket, float] = {}
+        self._hung: set[Ticket] = set()
 
     def run(self, stop: Callable[[], bool]) -> None:
         """Work until told to stop, then give running solves a moment to hand in what they have."""
@@ -61,6 +63,7 @@ class Dispatcher:
         """Claim, beat, collect once; return whether anything is being worked on."""
         self._fill()
         self._beat()
+        self._kill_hung()
         self._collect(PATIENCE_S)
         return bool(self._held)
 
@@ -68,7 +71,7 @@ class Dispatcher:
         n_free = self._executor.capacity() - len(self._held)
         for claim in self._source.claim(self._worker, n_free) if n_free else ():
             ticket = Ticket(claim.job_id, claim.attempt)
-            self._held.add(ticket)
+            self._held[ticket] = time.monotonic() + wall_limit_s(claim.job)
             self._executor.submit(ticket, claim.job)
 
     def _beat(self) -> None:
@@ -77,6 +80,13 @@ class Dispatcher:
         self._next_heartbeat = time.monotonic() + self._heartbeat_s
         for ticket in self._source.heartbeat(self._worker, sorted(self._held)):
             self._executor.cancel(ticket)
+
+    def _kill_hung(self) -> None:
+        # A solve looks at the clock itself; whoever comes here is stuck where nobody looks.
+        for ticket, end in self._held.items():
+            if time.monotonic() > end and ticket not in self._hung:
+                self._hung.add(ticket)
+                self._executor.cancel(ticket, force=True)
 
     def _collect(self, timeout: float) -> None:
         if not self._held:
@@ -87,9 +97,13 @@ class Dispatcher:
             self._report(finished)
 
     def _report(self, finished: Finished) -> None:
-        self._held.discard(finished.ticket)
+        self._held.pop(finished.ticket, None)
+        outcome = finished.outcome
+        if finished.ticket in self._hung and outcome.ending is Ending.CANCELLED:
+            outcome = JobOutcome(ending=Ending.TIMEOUT, error="job: expected an outcome in time, got none")
+        self._hung.discard(finished.ticket)
         try:
-            self._source.complete(finished.ticket, finished.outcome)
+            self._source.complete(finished.ticket, outcome)
         except StaleAttempt:
             # Somebody else has the job now; the fence has done its work.
             return

@@ -12,6 +12,14 @@ from pydantic import BaseModel, ConfigDict, Field
 #: `HopAddress.kind` of the two kinds of job; part of every generator's key, so never renumbered.
 KIND_NUMBERS = {"hop": 0, "map": 1}
 
+#: The wall clock is a safety net for a solver that does not get its processor: this many times its cap of
+#: processor time, and a margin [s] ...
+WALL_FACTOR = 4.0
+WALL_MARGIN_S = 60.0
+#: ... and, before the process of a job that cannot even look at a clock is killed, once more time to compile
+#: and to verify [s].
+HANG_MARGIN_S = 300.0
+
 
 class Ending(StrEnum):
     """How a solve or an attempt ended; the first four are results, the others are not."""
@@ -88,6 +96,13 @@ class MapJob(Message):
 
 
 Job = Annotated[HopJob | MapJob, Field(discriminator="kind")]
+
+
+def wall_limit_s(job: HopJob | MapJob) -> float:
+    """Return how long a job may take at most before its process counts as hung [s]."""
+    cap = job.settings.cpu_seconds * (1 + len(job.problem.get("outages", ())))
+    n_solves = job.n_hops if isinstance(job, HopJob) else 1
+    return n_solves * (WALL_FACTOR * cap + WALL_MARGIN_S) + HANG_MARGIN_S
 
 
 class Provenance(Message):

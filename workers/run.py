@@ -21,15 +21,22 @@ from core.search import Chain, HopAddress, hop_rng, solve_seed
 from core.tolerances import PAPER, violation
 from core.transcription import Transcription
 from workers.certify import certificate, trajectory
-from workers.job import KIND_NUMBERS, Ending, HopJob, Job, JobOutcome, MapJob, Settings, SolveRecord
+from workers.job import (
+    KIND_NUMBERS,
+    WALL_FACTOR,
+    WALL_MARGIN_S,
+    Ending,
+    HopJob,
+    Job,
+    JobOutcome,
+    MapJob,
+    Settings,
+    SolveRecord,
+)
 from workers.provenance import provenance
 from workers.threads import require_one_thread
 
 Stop = Callable[[], bool]
-
-#: The wall clock is a safety net for a solver that does not get its processor; see `_Deadline`.
-WALL_FACTOR = 4.0
-WALL_MARGIN_S = 60.0
 
 #: Endings of statuses that are not plainly infeasible.
 ENDINGS = {

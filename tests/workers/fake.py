@@ -119,6 +119,11 @@ def run_deaf(job, stop):
     time.sleep(600)
 
 
+def run_chain_zero_deaf(job, stop):
+    """Hang on chain 0, answer on the others."""
+    return run_deaf(job, stop) if job.address.chain == 0 else run_fake(job, stop)
+
+
 def run_chain_one_suicidal(job, stop):
     """Die without a word on chain 1, answer on the others."""
     if job.address.chain == 1:

@@ -8,7 +8,7 @@ from tests.workers.jobs import hop_job
 from workers.dispatcher import Dispatcher, StaleAttempt
 from workers.executor import Ticket
 from workers.inline import Inline
-from workers.job import Claim, Ending
+from workers.job import Claim, Ending, wall_limit_s
 from workers.process_pool import ProcessPool
 
 
@@ -92,3 +92,20 @@ def test_stopping_kills_what_does_not_listen(monkeypatch):
     Dispatcher(source, pool, "w").run(stop.is_set)
     pool.close()
     assert source.reported[Ticket(0, 1)].ending is Ending.CANCELLED
+
+
+def test_a_job_that_hangs_is_killed_and_its_slot_works_on(monkeypatch):
+    monkeypatch.setattr(
+        "workers.dispatcher.wall_limit_s", lambda job: 0.5 if job.address.chain == 0 else 60.0
+    )
+    source, pool = ListSource(3), ProcessPool(1, "tests.workers.fake:run_chain_zero_deaf")
+    work(Dispatcher(source, pool, "w"), lambda: len(source.reported) == 3)
+    pool.close()
+    assert source.reported[Ticket(0, 1)].ending is Ending.TIMEOUT
+    assert source.reported[Ticket(2, 1)] == run_fake(hop_job(chain=2))
+
+
+def test_a_hop_that_is_slow_is_not_taken_for_hung():
+    job = hop_job(n_hops=3, settings={"cpu_seconds": 10.0})
+    # Four times the cap and a minute for each of three solves, then five minutes.
+    assert wall_limit_s(job) == 3 * (40.0 + 60.0) + 300.0
