@@ -1,0 +1,21 @@
+"""The example of the README, run as a reader runs it."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_python_example_finds_a_transfer_and_a_robust_one(tmp_path):
+    (block,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    (tmp_path / "example.py").write_text(block, encoding="utf-8")
+    ran = subprocess.run(
+        [sys.executable, "example.py"], cwd=tmp_path, capture_output=True, text=True, timeout=300
+    )
+    assert ran.returncode == 0, ran.stderr
+    *solves, judged = ran.stdout.splitlines()
+    assert re.match(r"\d+ (OPTIMAL|ACCEPTABLE|FEASIBLE_AT_LIMIT) All defects and bounds hold", solves[-1])
+    # Two final masses, of the reference and of the realization, each above what is left after 400 m/s.
+    assert re.fullmatch(r"True \[ ?1[23]\d{3}\.\d* +1[23]\d{3}\.\d* *\]", judged)
