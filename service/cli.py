@@ -129,7 +129,8 @@ def submit(
     """Submit a campaign to a running coordinator."""
     body = load_spec(spec).as_fields()
     try:
-        answer = httpx.post(f"{url.rstrip('/')}/api/v1/campaigns", json=body, timeout=30)
+        # The coordinator makes the departure and the target before it answers.
+        answer = httpx.post(f"{url.rstrip('/')}/api/v1/campaigns", json=body, timeout=180)
     except (httpx.TransportError, httpx.InvalidURL) as error:
         advice = "start one with `coastarc serve`"
         raise CoordinatorError(f"coordinator: expected one at {url}, got {error}; {advice}") from error

@@ -15,14 +15,14 @@ EXAMPLE = {
     "campaign": {"name": "quick", "rng_seed": 2026},
     "problem": {"preset": "ppe-drm3", "n_segments": 50},
     "search": [
-        {"id": "s0", "strategy": "S(0)", "guesses": 40, "cpu_seconds": 20},
+        {"id": "s0", "strategy": "S(0)", "guesses": 40, "max_iterations": 1200},
         {
             "id": "s1-0",
             "strategy": "S(1|0)",
             "outages": [{"segment": 24, "duration_days": 1.0}],
             "seeds": {"from": "s0"},
             "mapping": "continued",
-            "cpu_seconds": 20,
+            "max_iterations": 1200,
         },
     ],
 }
