@@ -55,7 +55,7 @@ def kernel_paths() -> tuple[Path, ...]:
 
 @one_at_a_time
 def furnish(*more: Path) -> None:
-    """Load DE440, the leap seconds and further kernels into SPICE, each once per process.
+    """Load DE440, the leap seconds and, in front of them, further kernels into SPICE.
 
     Parameters
     ----------
@@ -67,17 +67,33 @@ def furnish(*more: Path) -> None:
     KernelError
         When a kernel is not a file.
     """
-    for path in (*kernel_paths(), *more):
+    for path in kernel_paths():
         _furnish_once(os.getpid(), path)
+    for path in more:
+        _furnish_first(path)
 
 
 @functools.cache
 def _furnish_once(pid: int, path: Path) -> None:
-    if not path.is_file():
-        raise KernelError(f"kernel: expected a file, got {path}; install the package again")
+    _check_file(path)
     if pid != _IMPORTED_BY:
         _drop_kernels_of_parent(pid)
     spiceypy.furnsh(str(path))
+
+
+def _furnish_first(path: Path) -> None:
+    """Load a kernel in front of all others: two orbits may bear one identifier, and SPICE takes the last."""
+    _check_file(path)
+    loaded = spiceypy.ktotal("SPK")
+    if loaded and spiceypy.kdata(loaded - 1, "SPK")[0] == str(path):
+        return
+    spiceypy.unload(str(path))
+    spiceypy.furnsh(str(path))
+
+
+def _check_file(path: Path) -> None:
+    if not path.is_file():
+        raise KernelError(f"kernel: expected a file, got {path}; install the package again")
 
 
 @functools.cache

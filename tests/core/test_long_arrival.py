@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from core import problem_from, transcribe, verify
+from core import load_problem, problem_from, transcribe, verify
 
 LONG = {"preset": "ppe-drm3", "bounds": {"shooting_days": [1.0, 150.0], "initial_coast_days": [0.0, 60.0]}}
 
@@ -22,3 +22,12 @@ def test_an_arrival_after_230_days_is_flown_as_the_verifier_flies_it():
 def test_all_problems_of_a_family_fly_to_one_target():
     problem = problem_from(LONG)
     assert problem.with_outages([(24, 20.0)]).latest_arrival_days == problem.latest_arrival_days
+
+
+def test_the_verifier_reads_the_target_of_its_own_problem():
+    # Both windows make an NRHO of their own, under one identifier.
+    problems = [load_problem("ppe-drm3"), problem_from(LONG)]
+    x = [np.mean(transcribe(problem).bounds, axis=0) for problem in problems]
+    first = [verify(*pair).defects for pair in zip(problems, x, strict=True)]
+    again = [verify(*pair).defects for pair in zip(problems, x, strict=True)]
+    np.testing.assert_array_equal(again, first)
