@@ -29,9 +29,9 @@ STATE, COAST, THRUST = 1, 8, 11
 TOO_MANY_STEPS, NOT_FINITE = -1, -2
 
 _MAX_STEPS = 2000
-_SAFETY, _SHRINK, _GROW = 0.9, 0.2, 6.0
-# First step over the free-fall time at tolerance 1; measured, see docs/decisions/0002-integrator.md.
-_FIRST_STEP = 9.0
+# Measured, as is the first step over the free-fall time at tolerance 1: docs/decisions/0002-integrator.md.
+_SAFETY, _SHRINK, _GROW = 0.7, 0.2, 6.0
+_FIRST_STEP = 5.0
 
 #: Where the work array holds the place of a stage.
 _PLACE = 13
