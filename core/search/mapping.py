@@ -124,8 +124,8 @@ def outage_profiles(
     x : (n_variables,) array
         The seed [days, rad, kg].
     depth : float
-        At 0 the thrust of the seed holds on, so that its reference solves P_k if no outage outlasts a segment;
-        at 1 there is none [-].
+        At 0 the thrust of the seed holds on, and its reference solves P_k if no outage outlasts a segment; at
+        1 there is none [-].
 
     References
     ----------
