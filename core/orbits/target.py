@@ -38,7 +38,7 @@ NRHO_WINDOW_DAYS = (-5.0, 200.0)
 _RECORD_S = 3600.0
 _N_COEFFICIENTS = 24
 # Counts the changes of the algorithm that change the orbit.
-_VERSION = 1
+_VERSION = 2
 
 
 @one_at_a_time
