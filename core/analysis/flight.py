@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from core.analysis.sampling import MAX_SAMPLES, sample_arc
 from core.ephemeris import EphemerisTable, span_days, state_at
 from core.problem import Outage, Problem
-from core.transcription import TrajectoryLayout, Transcription, checked_vector, transcribe
+from core.transcription import STATE_SCALE, TrajectoryLayout, Transcription, checked_vector, transcribe
 from core.units import LU_KM, MU_KG, TU_DAYS, VU_KM_S
 
 Array = NDArray[np.float64]
@@ -29,7 +29,6 @@ MOON_STEP_DAYS = 0.5
 TARGET_STEP_DAYS = 0.01
 
 _COAST = np.zeros(3)
-_SCALE = np.array([LU_KM] * 3 + [VU_KM_S] * 3 + [MU_KG])
 
 
 class Arc(NamedTuple):
@@ -246,7 +245,7 @@ class _Sampler:
             for p, stop in zip(pieces, stops, strict=True)
         )
         days = np.concatenate([piece.times for piece in pieces]) * TU_DAYS
-        states = np.concatenate([piece.states for piece in pieces]) * _SCALE
+        states = np.concatenate([piece.states for piece in pieces]) * STATE_SCALE
         position = states[:, :3]
         moon, moon_velocity = self.moon_states(days)
         return FlownTrajectory(
