@@ -19,7 +19,7 @@ CLOSED = 1e-8
 #: Later gains were below 0.3 kg in 2,000 iterations; useful ones came within 200.
 PATIENCE, GAIN = 300, 1e-3 / MU_KG
 
-#: Measured on ppe-drm3 (docs/decisions/0001-solver-settings.md): the small starting barrier matters most.
+#: Measured on ppe-drm3, docs/decisions/0001-solver-settings.md.
 OPTIONS: dict[str, str | float | int] = {
     "print_level": 0,
     "sb": "yes",
