@@ -1,10 +1,7 @@
 """`coastarc bench`: how fast this machine is at what campaigns are made of."""
 
 import json
-import os
-import platform
 from dataclasses import asdict
-from importlib.metadata import version
 from typing import Annotated, Any
 
 import typer
@@ -12,10 +9,11 @@ from rich.console import Console
 from threadpoolctl import threadpool_limits
 
 from service import report
+from service.bench_machine import machine
+from service.cli_bench_solve import solve
 
 bench = typer.Typer(help="Measure the speed of the numerics.", no_args_is_help=True)
-#: Packages on which the speed depends.
-PACKAGES = ("numpy", "scipy", "numba", "llvmlite")
+bench.command()(solve)
 
 RngSeed = Annotated[int, typer.Option(min=0, help="Fixes the points.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
@@ -69,24 +67,3 @@ def _show(rows: list[Any], settings: dict[str, int]) -> None:
     console.print(listed)
     for name, value in (machine() | settings).items():
         console.print(f"{name}: {value}", highlight=False)
-
-
-def machine() -> dict[str, str]:
-    """Return what the times depend on beside the code."""
-    from workers.provenance import code_version
-
-    versions = ", ".join(f"{name} {version(name)}" for name in PACKAGES)
-    return {
-        "machine": f"{platform.node()}, {_processor()}, {os.cpu_count()} cores, {platform.system()}",
-        "python": platform.python_version(),
-        "packages": versions,
-        "code": code_version(),
-    }
-
-
-def _processor() -> str:
-    try:
-        with open("/proc/cpuinfo", encoding="utf-8") as lines:
-            return next(line.split(":")[1].strip() for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration):
-        return platform.processor() or platform.machine()

@@ -1,0 +1,109 @@
+"""Files of solutions that one benchmark saves and another takes as seeds, and which of them are distinct.
+
+Two solutions of P_0 differ by
+
+    d^2 = (dT_s/W_s)^2 + (dT_i/W_i)^2 + mean over segments of |du|^2
+
+with W the widths of the bounds and u the throttle vectors, so that angles of unlit segments weigh nothing.
+T_f is left out: on a ballistic target it only says where the trip is declared over.
+"""
+
+import json
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.problem import Problem, problem_from
+from core.transcription import checked_vector, layout_of, throttle_of
+
+#: Least distance of distinct solutions: one segment of fifty throttled by a third more, T_s by 4.5 days [-].
+DISTINCT = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """A strict solution and its problem."""
+
+    #: Its number in the run that found it.
+    number: int
+    problem: Problem
+    #: In the paper layout [days, rad, kg].
+    x: tuple[float, ...]
+    #: Propellant of the reference [kg].
+    propellant_kg: float
+    is_optimal: bool
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Replace a file by a whole new one, so that whoever reads it or kills us finds no half of it."""
+    beside = path.with_name(path.name + ".new")
+    beside.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    os.replace(beside, path)
+
+
+def write_solutions(path: Path, problem: Problem, solutions: Iterable[Solution]) -> None:
+    """Save solutions of problems of one family."""
+    listed = [
+        {
+            "number": one.number,
+            "outages": [[outage.segment, outage.duration_days] for outage in one.problem.outages],
+            "propellant_kg": one.propellant_kg,
+            "is_optimal": one.is_optimal,
+            "x": one.x,
+        }
+        for one in solutions
+    ]
+    without = problem.model_copy(update={"outages": ()})
+    write_json(path, {"problem": without.model_dump(mode="json"), "solutions": listed})
+
+
+def read_solutions(path: Path) -> list[Solution]:
+    """Return saved solutions, or raise ValueError naming the file, what was expected and what came."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        problem = problem_from(content["problem"])
+        return [_solution(problem, entry) for entry in content["solutions"]]
+    except OSError as error:
+        raise ValueError(f"seeds: expected a file that can be read, got {path}: {error.strerror}") from error
+    except (ValueError, KeyError, TypeError) as error:
+        told = f"no {error}" if isinstance(error, KeyError) else str(error)
+        raise ValueError(f"seeds: expected what `bench solve --save` writes, got {path}: {told}") from error
+
+
+def _solution(problem: Problem, entry: dict[str, Any]) -> Solution:
+    case = problem.with_outages([(segment, days) for segment, days in entry["outages"]])
+    x = tuple(checked_vector(layout_of(case), entry["x"]).tolist())
+    return Solution(int(entry["number"]), case, x, float(entry["propellant_kg"]), bool(entry["is_optimal"]))
+
+
+def distance(problem: Problem, one: Sequence[float], other: Sequence[float]) -> float:
+    """Return the scaled distance [-] between the references of two solutions of a problem."""
+    shown = _features(problem, np.asarray(one)) - _features(problem, np.asarray(other))
+    return float(np.linalg.norm(shown))
+
+
+def distinct(solutions: Iterable[Solution]) -> list[Solution]:
+    """Return the solutions that differ by more than `DISTINCT` from every one kept before them."""
+    kept: list[Solution] = []
+    for solution in solutions:
+        if all(distance(solution.problem, solution.x, other.x) > DISTINCT for other in kept):
+            kept.append(solution)
+    return kept
+
+
+def _features(problem: Problem, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    layout, bounds = layout_of(problem).reference, problem.bounds
+    times = [
+        x[index] / (high - low)
+        for index, (low, high) in (
+            (layout.shooting_time, bounds.shooting_days),
+            (layout.initial_coast, bounds.initial_coast_days),
+        )
+    ]
+    throttles = throttle_of(x[layout.controls].reshape(-1, 3)).ravel() / np.sqrt(layout.n_segments)
+    return np.concatenate([times, throttles])

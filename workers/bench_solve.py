@@ -1,0 +1,56 @@
+"""How often, how fast and how well guesses of one problem are solved."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from core.nlp import SolveSettings
+from core.problem import Problem
+from core.search import GUESS_LAWS
+from workers.bench_jobs import guess_job, outcomes, warm
+from workers.bench_measurement import Measurement, measured
+from workers.executor import Executor
+from workers.job import HopJob
+
+
+@dataclass(frozen=True, slots=True)
+class GuessPlan:
+    """The guesses of one problem that are to be solved."""
+
+    problem: Problem
+    n_guesses: int
+    rng_seed: int = 1
+    law: str = "uniform"
+    limits: SolveSettings = field(default_factory=SolveSettings)
+
+    def __post_init__(self) -> None:
+        """Refuse what no guess can be drawn from."""
+        if self.n_guesses < 1:
+            raise ValueError(f"guesses: expected at least 1, got {self.n_guesses}")
+        if self.law not in GUESS_LAWS:
+            raise ValueError(f"law: expected one of {', '.join(GUESS_LAWS)}, got {self.law!r}")
+
+
+@dataclass(frozen=True, slots=True)
+class SolvedGuess:
+    """One guess by its number, from 0, and what its solve measured."""
+
+    number: int
+    measurement: Measurement
+    #: The decision vector of a strict solution [days, rad, kg].
+    x: tuple[float, ...] | None
+
+
+def warm_up(executor: Executor, plan: GuessPlan) -> None:
+    """Let every process compile and load all that it needs, before anything is timed."""
+    warm(executor, [_job(plan, 0)])
+
+
+def solve_guesses(executor: Executor, plan: GuessPlan) -> Iterator[SolvedGuess]:
+    """Solve guesses one by one and yield each as it ends; with several processes not always in order."""
+    numbered = ((number, _job(plan, number)) for number in range(plan.n_guesses))
+    for number, outcome in outcomes(executor, numbered):
+        yield SolvedGuess(number, *measured(plan.problem, outcome))
+
+
+def _job(plan: GuessPlan, number: int) -> HopJob:
+    return guess_job(plan.problem, number, plan.rng_seed, plan.law, plan.limits)
