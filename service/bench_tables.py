@@ -58,6 +58,38 @@ def failures(failed_by: Mapping[str, int]) -> str:
     return f"failures: {listed or 'none'}"
 
 
+def chains(listed: list[dict[str, Any]], key: str) -> Table:
+    """Return mapped seeds, one row per case or group and mapping."""
+    titles = (key, "mapping", "seeds", "strict, %", "optimal, %", "CPU s each", "median s", "of strict")
+    rows = report.table(*titles, "change in kg", "failures")
+    for row in listed:
+        change = row["change_kg"]
+        spread = (
+            "-" if change is None else " ".join(f"{change[name]:+.2f}" for name in ("min", "median", "max"))
+        )
+        failed = ", ".join(f"{count} {name}" for name, count in row["failed_by"].items())
+        rows.add_row(
+            row[key],
+            row["mapping"],
+            str(row["strict"]["of"]),
+            percent(row["strict"]),
+            percent(row["optimal"]),
+            number(row["costs"]["cpu_seconds_per_strict"], 2),
+            *(
+                number(times and times["median"], 2)
+                for times in (row["cpu_seconds"], row["cpu_seconds_of_strict"])
+            ),
+            spread,
+            failed,
+        )
+    rows.caption = (
+        "strict of seeds and locally optimal of strict, 95 % interval; CPU time of all seeds per strict "
+        "solution, medians of all and of strict; least, median and greatest propellant above the seed's"
+    )
+    rows.caption_justify = "left"
+    return rows
+
+
 def print_facts(console: Console, facts: Mapping[str, Any]) -> None:
     """Print what the numbers depend on, one line each."""
     for name, value in facts.items():

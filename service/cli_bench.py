@@ -10,10 +10,12 @@ from threadpoolctl import threadpool_limits
 
 from service import report
 from service.bench_machine import machine
+from service.cli_bench_chain import chain
 from service.cli_bench_solve import solve
 
 bench = typer.Typer(help="Measure the speed of the numerics.", no_args_is_help=True)
 bench.command()(solve)
+bench.command()(chain)
 
 RngSeed = Annotated[int, typer.Option(min=0, help="Fixes the points.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]

@@ -13,8 +13,8 @@ from service import bench_tables as tables
 from service.bench_machine import machine
 from service.bench_session import Ledger, Progress, user_errors
 from workers.bench_jobs import n_compiled_kernels
-from workers.bench_seeds import Solution, write_solutions
-from workers.bench_solve import GuessPlan, SolvedGuess, solve_guesses, warm_up
+from workers.bench_seeds import write_solutions
+from workers.bench_solve import GuessPlan, SolvedGuess, solution_of, solve_guesses, warm_up
 from workers.bench_summary import summary
 from workers.process_pool import ProcessPool
 
@@ -93,15 +93,6 @@ class SolveReport:
         for fault in found["faults"]:
             console.print(f"fault: {fault}", markup=False)
 
-    def solutions(self) -> list[Solution]:
-        """Return the strict solutions in the order of their guesses."""
-        return [
-            Solution(one.number, self.plan.problem, one.x, one.measurement.propellant_kg or 0.0,
-                     one.measurement.is_optimal)
-            for one in sorted(self.solved, key=lambda one: one.number)
-            if one.x is not None
-        ]  # fmt: skip
-
 
 def solve(
     problem: Annotated[str, typer.Argument(help="Preset or file, with any number of outages.")] = "ppe-drm3",
@@ -121,7 +112,9 @@ def solve(
         ledger = Ledger(json_file, found.content)
     is_partial = _run(found, ledger, workers)
     if save is not None:
-        write_solutions(save, found.plan.problem, found.solutions())
+        ordered = sorted(found.solved, key=lambda one: one.number)
+        strict = [solution_of(found.plan, one) for one in ordered if one.x is not None]
+        write_solutions(save, found.plan.problem, strict)
     if not ledger.close(is_partial):
         found.show(Console(width=110), is_partial)
     if is_partial:

@@ -1,6 +1,6 @@
 """How often, how fast and how well guesses of one problem are solved."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 from core.nlp import SolveSettings
@@ -8,6 +8,7 @@ from core.problem import Problem
 from core.search import GUESS_LAWS
 from workers.bench_jobs import guess_job, outcomes, warm
 from workers.bench_measurement import Measurement, measured
+from workers.bench_seeds import Solution, distinct
 from workers.executor import Executor
 from workers.job import HopJob
 
@@ -50,6 +51,33 @@ def solve_guesses(executor: Executor, plan: GuessPlan) -> Iterator[SolvedGuess]:
     numbered = ((number, _job(plan, number)) for number in range(plan.n_guesses))
     for number, outcome in outcomes(executor, numbered):
         yield SolvedGuess(number, *measured(plan.problem, outcome))
+
+
+def solution_of(plan: GuessPlan, one: SolvedGuess) -> Solution:
+    """Return a strict solution under the number of its guess."""
+    assert one.x is not None and one.measurement.propellant_kg is not None
+    found = one.measurement
+    return Solution(one.number, plan.problem, one.x, one.measurement.propellant_kg, found.is_optimal)
+
+
+def found_seeds(
+    executor: Executor, plan: GuessPlan, n: int, tell: Callable[[str], None] = lambda line: None
+) -> list[Solution]:
+    """Return the first n distinct solutions in the order of the guesses, whatever the number of processes."""
+    warm_up(executor, plan)
+    solved: dict[int, SolvedGuess] = {}
+    kept: list[Solution] = []
+    for one in solve_guesses(executor, plan):
+        solved[one.number] = one
+        # Up to the first guess that is still being solved, so that a slower one is not passed over.
+        is_known = [number in solved for number in range(plan.n_guesses)]
+        ready = is_known.index(False) if False in is_known else plan.n_guesses
+        known = (solved[number] for number in range(ready))
+        kept = distinct(solution_of(plan, guess) for guess in known if guess.x is not None)
+        tell(f"{len(solved)} guesses: {len(kept)} of {n} seeds")
+        if len(kept) >= n:
+            return kept[:n]
+    raise ValueError(f"seeds: expected {n} distinct solutions, got {len(kept)} of {plan.n_guesses} guesses")
 
 
 def _job(plan: GuessPlan, number: int) -> HopJob:
