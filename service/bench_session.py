@@ -6,11 +6,17 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 import typer
 
+from workers.bench_jobs import n_compiled_kernels
 from workers.bench_seeds import write_json
+from workers.executor import Executor
+from workers.process_pool import ProcessPool
+
+Plan = TypeVar("Plan")
+Solved = TypeVar("Solved")
 
 #: Time between two lines of progress where lines cannot be overwritten [s].
 QUIET_S = 30.0
@@ -24,6 +30,13 @@ def user_errors() -> Iterator[None]:
     except ValueError as error:
         typer.echo(f"error: {error}", err=True)
         raise typer.Exit(2) from error
+
+
+def require_folders(**files: Path | None) -> None:
+    """Refuse files that could not be written when the work is done; the names are those of the options."""
+    for name, path in files.items():
+        if path is not None and (path.is_dir() or not path.absolute().parent.is_dir()):
+            raise ValueError(f"{name}: expected a file in a folder that exists, got {path}")
 
 
 class Progress:
@@ -55,8 +68,6 @@ class Ledger:
     def __init__(self, path: Path | None, content: Callable[[bool], dict[str, Any]]) -> None:
         #: `content(is_partial)` gives all that is known.
         self._path, self._content = path, content
-        if path is not None and str(path) != "-" and not path.absolute().parent.is_dir():
-            raise ValueError(f"json: expected a file in a folder that exists, got {path}")
 
     def grow(self) -> None:
         """Write what there is: a kill loses nothing that ended before."""
@@ -72,3 +83,50 @@ class Ledger:
             return True
         write_json(self._path, self._content(is_partial))
         return False
+
+
+class Report(Protocol[Plan, Solved]):
+    """What a long benchmark has found so far."""
+
+    plan: Plan
+    solved: list[Solved]
+    #: Kernels that were compiled while the clock ran: any spoils the times.
+    n_compiled: int
+
+    def line(self) -> str:
+        """Return the state of things in one line."""
+
+
+@contextmanager
+def opened(n_workers: int) -> Iterator[Executor]:
+    """Give processes to solve on, and end them."""
+    pool = ProcessPool(n_workers)
+    try:
+        yield pool
+    finally:
+        pool.close()
+
+
+def is_cut_short(
+    found: Report[Plan, Solved],
+    ledger: Ledger,
+    n_workers: int,
+    warm_up: Callable[[Executor, Plan], None],
+    solve_all: Callable[[Executor, Plan], Iterator[Solved]],
+) -> bool:
+    """Solve until all is done, or until Ctrl-C, and return whether it was that."""
+    progress = Progress()
+    try:
+        with opened(n_workers) as pool:
+            warm_up(pool, found.plan)
+            before = n_compiled_kernels()
+            for one in solve_all(pool, found.plan):
+                found.solved.append(one)
+                found.n_compiled = n_compiled_kernels() - before
+                progress.show(found.line())
+                ledger.grow()
+    except KeyboardInterrupt:
+        return True
+    finally:
+        progress.end()
+    return False

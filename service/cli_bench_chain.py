@@ -11,15 +11,13 @@ from core.nlp import SolveSettings
 from core.problem import load_problem
 from service import bench_tables as tables
 from service.bench_machine import machine
-from service.bench_session import Ledger, Progress, user_errors
+from service.bench_session import Ledger, Progress, is_cut_short, opened, require_folders, user_errors
 from service.cli_bench_solve import DEFAULTS, CpuSeconds, JsonFile, MaxIterations, Workers
 from workers.bench_cases import DEFAULT_GROUPS, Case, grouped_cases, parsed_cases
 from workers.bench_chain import ChainPlan, SolvedLink, n_links, solution_of, solve_links, warm_up
 from workers.bench_chain_summary import as_fields, by_case, by_group
-from workers.bench_jobs import n_compiled_kernels
 from workers.bench_seeds import Solution, distinct, read_solutions, write_solutions
 from workers.bench_solve import GuessPlan, found_seeds
-from workers.process_pool import ProcessPool
 
 Seeds = Annotated[
     Path | None,
@@ -107,23 +105,21 @@ def chain(
 ) -> None:
     """Map seeds to problems with outages, solve, verify every result, and tell shares, costs and prices."""
     with user_errors():
+        require_folders(json=json_file, save=save, save_seeds=save_seeds)
         limits = SolveSettings(cpu_seconds, max_iterations)
         wanted = _wanted(cases, group)
         mappings = tuple(part.strip() for part in mapping.split(","))
         if seeds is not None:
-            given = read_solutions(seeds)
+            given = tuple(distinct(read_solutions(seeds))[:limit])
         else:
             search = GuessPlan(load_problem(problem), 100 * N_SEEDS, rng_seed, law, limits)
-            given = _regenerated(search, limit or N_SEEDS, workers)
-            if save_seeds is not None:
-                write_solutions(save_seeds, search.problem, given)
-        plan = ChainPlan(tuple(distinct(given)[:limit]), wanted, mappings, duration_days, limits)
-        found = ChainReport(plan, workers)
+            given = _regenerated(search, limit or N_SEEDS, workers, save_seeds)
+        found = ChainReport(ChainPlan(given, wanted, mappings, duration_days, limits), workers)
         ledger = Ledger(json_file, found.content)
-    is_partial = _run(found, ledger, workers)
+    is_partial = is_cut_short(found, ledger, workers, warm_up, solve_links)
     if save is not None:
-        strict = [solution_of(plan, one) for one in found.solved if one.x is not None]
-        write_solutions(save, plan.reference, strict)
+        strict = [solution_of(found.plan, one) for one in found.solved if one.x is not None]
+        write_solutions(save, found.plan.reference, strict)
     if not ledger.close(is_partial):
         found.show(Console(width=150), is_partial)
     if is_partial:
@@ -137,30 +133,14 @@ def _wanted(cases: str | None, group: str | None) -> tuple[Case, ...]:
     return tuple(listed)
 
 
-def _regenerated(search: GuessPlan, n: int, n_workers: int) -> list[Solution]:
-    """Find so many distinct solutions; an interruption here ends the command."""
-    progress, pool = Progress(), ProcessPool(n_workers)
-    try:
-        return found_seeds(pool, search, n, lambda line: progress.show(line))
-    finally:
-        progress.end()
-        pool.close()
-
-
-def _run(found: ChainReport, ledger: Ledger, n_workers: int) -> bool:
-    """Solve until all is done; return whether that was cut short."""
-    progress, pool = Progress(), ProcessPool(n_workers)
-    try:
-        warm_up(pool, found.plan)
-        before = n_compiled_kernels()
-        for one in solve_links(pool, found.plan):
-            found.solved.append(one)
-            found.n_compiled = n_compiled_kernels() - before
-            progress.show(found.line())
-            ledger.grow()
-    except KeyboardInterrupt:
-        return True
-    finally:
-        progress.end()
-        pool.close()
-    return False
+def _regenerated(search: GuessPlan, n: int, n_workers: int, save_seeds: Path | None) -> tuple[Solution, ...]:
+    """Find so many distinct solutions, and save them if asked; an interruption here ends the command."""
+    progress = Progress()
+    with opened(n_workers) as pool:
+        try:
+            found = found_seeds(pool, search, n, progress.show)
+        finally:
+            progress.end()
+    if save_seeds is not None:
+        write_solutions(save_seeds, search.problem, found)
+    return tuple(found)

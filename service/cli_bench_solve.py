@@ -11,12 +11,10 @@ from core.nlp import SolveSettings
 from core.problem import load_problem
 from service import bench_tables as tables
 from service.bench_machine import machine
-from service.bench_session import Ledger, Progress, user_errors
-from workers.bench_jobs import n_compiled_kernels
+from service.bench_session import Ledger, is_cut_short, require_folders, user_errors
 from workers.bench_seeds import write_solutions
 from workers.bench_solve import GuessPlan, SolvedGuess, solution_of, solve_guesses, warm_up
 from workers.bench_summary import summary
-from workers.process_pool import ProcessPool
 
 DEFAULTS = SolveSettings()
 
@@ -25,9 +23,11 @@ JsonFile = Annotated[
     Path | None, typer.Option("--json", help="File for all numbers; - prints them instead of the table.")
 ]
 CpuSeconds = Annotated[
-    float, typer.Option(help="CPU time that a solve of P_0 may take; P_k has 1 + k times it.")
+    float, typer.Option(max=86400, help="CPU time of a solve of P_0 at most; P_k has 1 + k times it.")
 ]
-MaxIterations = Annotated[int, typer.Option(help="Iterations that a solve of P_0 may take; P_k 1 + k times.")]
+MaxIterations = Annotated[
+    int, typer.Option(max=1_000_000, help="Iterations of a solve of P_0 at most; P_k has 1 + k times them.")
+]
 
 Save = Annotated[Path | None, typer.Option(help="File for the strict solutions, which `bench chain` takes.")]
 
@@ -107,10 +107,11 @@ def solve(
 ) -> None:
     """Solve guesses, verify every result, and tell shares, costs and why the others failed."""
     with user_errors():
+        require_folders(json=json_file, save=save)
         limits = SolveSettings(cpu_seconds, max_iterations)
         found = SolveReport(GuessPlan(load_problem(problem), guesses, rng_seed, law, limits), workers)
         ledger = Ledger(json_file, found.content)
-    is_partial = _run(found, ledger, workers)
+    is_partial = is_cut_short(found, ledger, workers, warm_up, solve_guesses)
     if save is not None:
         ordered = sorted(found.solved, key=lambda one: one.number)
         strict = [solution_of(found.plan, one) for one in ordered if one.x is not None]
@@ -119,22 +120,3 @@ def solve(
         found.show(Console(width=110), is_partial)
     if is_partial:
         raise typer.Exit(130)
-
-
-def _run(found: SolveReport, ledger: Ledger, n_workers: int) -> bool:
-    """Solve until all is done; return whether that was cut short."""
-    progress, pool = Progress(), ProcessPool(n_workers)
-    try:
-        warm_up(pool, found.plan)
-        before = n_compiled_kernels()
-        for one in solve_guesses(pool, found.plan):
-            found.solved.append(one)
-            found.n_compiled = n_compiled_kernels() - before
-            progress.show(found.line())
-            ledger.grow()
-    except KeyboardInterrupt:
-        return True
-    finally:
-        progress.end()
-        pool.close()
-    return False

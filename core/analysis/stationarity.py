@@ -81,6 +81,10 @@ def stationarity(transcription: Transcription, x: Array) -> Stationarity:
     ------
     ValueError
         When x has another shape or is not finite.
+
+    References
+    ----------
+    docs/measuring.md, "Locally optimal".
     """
     x = checked_vector(transcription.layout, x)
     fine = transcription.at_tolerance(FINE_TOLERANCE)
