@@ -1,3 +1,6 @@
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
@@ -88,6 +91,18 @@ def test_along_the_gradient_that_is_left_a_transfer_gains_the_mass_it_promises(t
     assert gained == pytest.approx(
         np.sum(found.gradient**2), rel=1e-3
     )  # central difference of the curved set
+
+
+def test_what_another_solver_converged_to_is_locally_optimal_and_its_neighbour_is_not(transcription):
+    # SciPy's SLSQP on the plain form, 600 iterations with the angles unbounded; it stalled there.
+    x = np.array(json.loads((Path(__file__).parent / "optimum.json").read_text(encoding="utf-8")))
+    found = stationarity(transcription, x)
+    assert found.is_optimal and found.residual == np.max(np.abs(found.gradient))
+    layout = transcription.layout.reference
+    throttles = x[layout.controls][::3]
+    segment = 1 + int(np.flatnonzero((throttles > 0.1) & (throttles < 0.9))[0])
+    x[layout.control(segment) + 1] += 0.01
+    assert not stationarity(transcription, x).is_optimal
 
 
 def test_angles_of_unlit_segments_weigh_nothing_and_seams_are_no_bounds(transcription):
