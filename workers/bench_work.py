@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from core.dynamics import ForceModel
+from core.dynamics import ForceModel, no_trail
 from core.dynamics.force import FIELD_WIDTH, field_at
 from core.ephemeris import EphemerisTable
 from core.jit import compiled
@@ -74,7 +74,7 @@ def _fly(
     r, v, work = np.zeros((3, width)), np.zeros((3, width)), np.zeros((16, 3, width))
     accelerations, thrust, d_thrust, d_rate = np.zeros((2, 3)), np.zeros(3), np.zeros((3, 3)), np.zeros(3)
     transition, by_control, rates = np.zeros((7, 7)), np.zeros((7, 3)), np.zeros((2, 7))
-    d_start = np.zeros(7)
+    d_start, trail = np.zeros(7), no_trail()
     steps = 0
     for leg in range(plan.leg_start.shape[0]):
         _start_state(model, target, departure, plan, z, leg, ends, d_start)
@@ -84,7 +84,7 @@ def _fly(
                 moments[arc, end] = _moment(plan, arc, end, plan.leg_trajectory[leg], z)
             steps += _fly_arc(
                 model, plan, z, arc, plan.leg_trajectory[leg], tolerance, ends[leg], r, v, work,
-                accelerations, thrust, d_thrust, d_rate, transition, by_control, rates,
+                accelerations, thrust, d_thrust, d_rate, transition, by_control, rates, trail,
             )  # fmt: skip
     return steps
 

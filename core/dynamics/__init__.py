@@ -1,6 +1,15 @@
 """How the spacecraft moves: the force model in, states and their partials at the end of an arc out."""
 
-from core.dynamics.dop853 import COAST, NOT_FINITE, STATE, THRUST, TOO_MANY_STEPS, propagate
+from core.dynamics.dop853 import (
+    COAST,
+    NOT_FINITE,
+    STATE,
+    THRUST,
+    TOO_MANY_STEPS,
+    integrate,
+    no_trail,
+    propagate,
+)
 from core.dynamics.force import ForceModel, force_model
 
 __all__ = [
@@ -11,5 +20,7 @@ __all__ = [
     "TOO_MANY_STEPS",
     "ForceModel",
     "force_model",
+    "integrate",
+    "no_trail",
     "propagate",
 ]

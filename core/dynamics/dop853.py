@@ -26,7 +26,15 @@ _BV, _E5V, _E3V = tableau.B, tableau.E5, tableau.E3
 STATE, COAST, THRUST = 1, 8, 11
 
 #: Results of an integration that could not be finished.
-TOO_MANY_STEPS, NOT_FINITE = -1, -2
+TOO_MANY_STEPS, NOT_FINITE, TRAIL_FULL = -1, -2, -3
+
+#: Rows of a trail per step: the stages whose weight of order 8 is not zero.
+TRAIL_ROWS = 8
+#: Columns of a trail: places of `THRUST` columns, of three bodies, weight, time since t_a.
+TRAIL_WIDTH = 3 * THRUST + 11
+TRAIL_BODIES, TRAIL_WEIGHT, TRAIL_TIME = TRAIL_WIDTH - 11, TRAIL_WIDTH - 2, TRAIL_WIDTH - 1
+# Stages with a weight stand at 0 and, without a gap, from here on.
+_WEIGHTED = 5
 
 _MAX_STEPS = 2000
 # Measured, as is the first step over the free-fall time at tolerance 1: docs/decisions/0002-integrator.md.
@@ -35,6 +43,12 @@ _FIRST_STEP = 5.0
 
 #: Where the work array holds the place of a stage.
 _PLACE = 13
+
+
+@compiled
+def no_trail() -> Array:
+    """Return what `integrate` takes for its trail where there is nothing to record."""
+    return np.empty((0, TRAIL_WIDTH))
 
 
 @compiled
@@ -89,7 +103,42 @@ def propagate(
     ----------
     docs/method.md, eqs. 2-5; Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, II.5.
     """
+    return integrate(
+        model, t_a, t_b, mass, thrust, mass_rate, d_thrust, d_mass_rate, tolerance, r, v, ends, work,
+        no_trail(),
+    )  # fmt: skip
+
+
+@compiled
+def integrate(
+    model: ForceModel,
+    t_a: float,
+    t_b: float,
+    mass: float,
+    thrust: Array,
+    mass_rate: float,
+    d_thrust: Array,
+    d_mass_rate: Array,
+    tolerance: float,
+    r: Array,
+    v: Array,
+    ends: Array,
+    work: Array,
+    trail: Array,
+) -> int:
+    """Do what `propagate` does, and record the stages for quadratures along the arc.
+
+    Parameters
+    ----------
+    model, t_a, t_b, mass, thrust, mass_rate, d_thrust, d_mass_rate, tolerance, r, v, ends, work
+        As for `propagate`.
+    trail : (n, TRAIL_WIDTH) array
+        Written, `TRAIL_ROWS` per step, if r has `THRUST` columns: places of the columns, x y z of each
+        [LU per unit of the column], places of the bodies [LU], weight and time since t_a [TU].  Without
+        rows nothing is recorded; with too few the result is TRAIL_FULL.
+    """
     span = t_b - t_a
+    has_trail = trail.shape[0] > 0
     width = r.shape[1]
     flat_r, flat_v, flat_work = r.reshape(3 * width), v.reshape(3 * width), work.reshape(16, 3 * width)
     field = np.empty(FIELD_WIDTH)
@@ -103,6 +152,10 @@ def propagate(
         ends[0, i] = ends[1, i] = work[0, i, 0]
     if span == 0.0:
         return 0
+    if has_trail:
+        if trail.shape[0] < TRAIL_ROWS:
+            return TRAIL_FULL
+        _record(field, work, trail[0])
     h = min(_first_step(gm, field, r, tolerance), abs(span))
     t, taken = 0.0, 0
     for _ in range(_MAX_STEPS):
@@ -120,10 +173,14 @@ def propagate(
             _state_place(s, step, r, v, work)
             _gravitate(gm, field, work, s)
             _push(at, mass, thrust, mass_rate, d_thrust, d_mass_rate, work, s)
+            if has_trail and s >= _WEIGHTED:
+                _record(field, work, trail[TRAIL_ROWS * taken + 1 + s - _WEIGHTED])
         error = _error(step, r, v, work, tolerance)
         if not np.isfinite(error):
             return NOT_FINITE
         if error <= 1.0:
+            if has_trail:
+                _weigh(elapsed, step, trail[TRAIL_ROWS * taken : TRAIL_ROWS * (taken + 1)])
             t = abs(span) if last else t + size
             taken += 1
             _advance(step, flat_r, flat_v, flat_work)
@@ -136,9 +193,32 @@ def propagate(
                 for i in range(3):
                     ends[1, i] = work[0, i, 0]
                 return taken
+            if has_trail:
+                if trail.shape[0] < TRAIL_ROWS * (taken + 1):
+                    return TRAIL_FULL
+                _record(field, work, trail[TRAIL_ROWS * taken])
         factor = _SAFETY * error ** (-0.125) if error > 0.0 else _GROW
         h = size * min(_GROW, max(_SHRINK, factor))
     return TOO_MANY_STEPS
+
+
+@compiled
+def _record(field: Array, work: Array, row: Array) -> None:
+    """Write where columns and bodies are at a stage."""
+    for i in range(3):
+        for q in range(THRUST):
+            row[THRUST * i + q] = work[_PLACE, i, q]
+    for i in range(9):
+        row[TRAIL_BODIES + i] = field[i]
+
+
+@compiled
+def _weigh(elapsed: float, step: float, rows: Array) -> None:
+    """Write weights and times of the stages of an accepted step."""
+    for k in range(TRAIL_ROWS):
+        s = 0 if k == 0 else _WEIGHTED + k - 1
+        rows[k, TRAIL_WEIGHT] = step * _BV[s]
+        rows[k, TRAIL_TIME] = elapsed + _C[s] * step
 
 
 @compiled

@@ -173,3 +173,76 @@ def gravity_gradient(
         yz += tide * dy * dz
         zz += tide * dz * dz - pull
     return xx, xy, xz, yy, yz, zz
+
+
+@compiled
+def gravity_bend(
+    gm: Array, places: Array, x: float, y: float, z: float, lx: float, ly: float, lz: float
+) -> tuple[float, float, float, float, float, float]:
+    """Return d2 (l . acceleration) / d r2, docs/method.md eq. 28: symmetric and without trace.
+
+    Parameters
+    ----------
+    gm : (4,) array
+        Gravitational parameters of Earth, Moon, Sun, Jupiter [LU^3/TU^2].
+    places : (>= 9,) array
+        Positions of Moon, Sun, Jupiter [LU].
+    x, y, z : float
+        Spacecraft position [LU].
+    lx, ly, lz : float
+        Weights of the acceleration [-].
+
+    Returns
+    -------
+    (6,) tuple
+        Entries xx, xy, xz, yy, yz, zz [1/(LU TU^2)].
+    """
+    xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for b in range(4):
+        dx, dy, dz = x, y, z
+        if b > 0:
+            dx -= places[3 * b - 3]
+            dy -= places[3 * b - 2]
+            dz -= places[3 * b - 1]
+        inverse = 1.0 / (dx * dx + dy * dy + dz * dz)
+        factor = 3.0 * gm[b] * inverse * inverse * np.sqrt(inverse)
+        along = lx * dx + ly * dy + lz * dz
+        tide = 5.0 * along * inverse
+        xx += factor * (2.0 * lx * dx + along - tide * dx * dx)
+        xy += factor * (lx * dy + ly * dx - tide * dx * dy)
+        xz += factor * (lx * dz + lz * dx - tide * dx * dz)
+        yy += factor * (2.0 * ly * dy + along - tide * dy * dy)
+        yz += factor * (ly * dz + lz * dy - tide * dy * dz)
+        zz += factor * (2.0 * lz * dz + along - tide * dz * dz)
+    return xx, xy, xz, yy, yz, zz
+
+
+@compiled
+def gravity_rate(
+    gm: Array, field: Array, moves: Array, x: float, y: float, z: float
+) -> tuple[float, float, float]:
+    """Return the partial derivative of `gravity` by time, the spacecraft held in place.
+
+    Parameters
+    ----------
+    gm, field, x, y, z
+        As for `gravity`.
+    moves : (>= 12,) array
+        Time derivative of `field` [LU/TU, LU/TU^3].
+
+    Returns
+    -------
+    (3,) tuple
+        Rate of the acceleration [LU/TU^3].
+    """
+    ax, ay, az = -moves[9], -moves[10], -moves[11]
+    for b in range(3):
+        dx, dy, dz = x - field[3 * b], y - field[3 * b + 1], z - field[3 * b + 2]
+        ux, uy, uz = moves[3 * b], moves[3 * b + 1], moves[3 * b + 2]
+        square = dx * dx + dy * dy + dz * dz
+        pull = gm[b + 1] / (square * np.sqrt(square))
+        tide = 3.0 * pull / square * (dx * ux + dy * uy + dz * uz)
+        ax += pull * ux - tide * dx
+        ay += pull * uy - tide * dy
+        az += pull * uz - tide * dz
+    return ax, ay, az

@@ -215,6 +215,30 @@ def states(table: EphemerisTable, t: float, out: Array) -> None:
 
 
 @compiled
+def jerks(table: EphemerisTable, t: float, out: Array) -> None:
+    """Write the third time derivative (>= n_columns,) [LU/TU^3] at t [TU] to out; NaN outside the span."""
+    record, x = _record_at(table, t)
+    if record < 0:
+        out[:] = np.nan
+        return
+    c = table.coefficients[record]
+    cube = (2.0 / table.record) ** 3
+    # The recurrence of T_k and its derivatives in x, as in `states`.
+    below, value = 1.0, x
+    d_below, d_value = 0.0, 1.0
+    dd_below, dd_value = 0.0, 0.0
+    ddd_below, ddd_value = 0.0, 0.0
+    out[:] = 0.0
+    for k in range(2, c.shape[0]):
+        ddd_below, ddd_value = ddd_value, 6.0 * dd_value + 2.0 * x * ddd_value - ddd_below
+        dd_below, dd_value = dd_value, 4.0 * d_value + 2.0 * x * dd_value - dd_below
+        d_below, d_value = d_value, 2.0 * value + 2.0 * x * d_value - d_below
+        below, value = value, 2.0 * x * value - below
+        for j in range(c.shape[1]):
+            out[j] += cube * ddd_value * c[k, j]
+
+
+@compiled
 def _record_at(table: EphemerisTable, t: float) -> tuple[int, float]:
     """Return the record that holds t and the place x in [-1, 1] inside it; -1 outside the span."""
     n_records = table.coefficients.shape[0]

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.dynamics import STATE as STATE_ONLY
-from core.dynamics import THRUST, ForceModel, propagate
+from core.dynamics import THRUST, ForceModel, integrate, no_trail
 from core.ephemeris import EphemerisTable, states
 from core.jit import compiled
-from core.transcription.control import thrust_of
+from core.transcription.control import push_of
 from core.transcription.plan import DEPARTURE, N_TIMES, NODE, PARENT, TARGET, Plan
 
 Array = NDArray[np.float64]
@@ -69,7 +69,7 @@ def evaluate(
     transitions = np.zeros((most, _N, _N))
     by_control = np.zeros((most, _N, 3))
     rates = np.zeros((most, 2, _N))
-    d_start = np.zeros(_N)
+    d_start, trail = np.zeros(_N), no_trail()
     steps = 0
     for leg in range(plan.leg_start.shape[0]):
         _start_state(model, target, departure, plan, z, leg, ends, d_start)
@@ -78,6 +78,7 @@ def evaluate(
             taken = _fly_arc(
                 model, plan, z, arc, plan.leg_trajectory[leg], tolerance, ends[leg], r, v, work,
                 accelerations, thrust, d_thrust, d_rate, transitions[i], by_control[i], rates[i],
+                trail,
             )  # fmt: skip
             if taken < 0:
                 return taken
@@ -153,13 +154,15 @@ def _fly_arc(
     transition: Array,
     by_control: Array,
     rates: Array,
+    trail: Array,
 ) -> int:
     """Advance the state over one arc and write its partials, docs/method.md eqs. 9-11."""
     index = plan.arc_control[arc]
     control = z[index : index + 3] if index >= 0 else plan.arc_fixed[arc]
-    thrust_of(control, model.max_thrust, thrust, d_thrust)
-    mass_rate = control[0] * model.max_thrust / model.exhaust_velocity
-    d_rate[0] = model.max_thrust / model.exhaust_velocity
+    mass_rate = push_of(
+        index >= 0 and plan.has_thrust_vectors, plan.rounding, control, model.max_thrust,
+        model.max_thrust / model.exhaust_velocity, thrust, d_thrust, d_rate,
+    )  # fmt: skip
     width = r.shape[1]
     r[:] = 0.0
     v[:] = 0.0
@@ -170,9 +173,10 @@ def _fly_arc(
             v[i, 4 + i] = 1.0
             rates[0, i] = state[3 + i]
     t_a, t_b = _moment(plan, arc, 0, trajectory, z), _moment(plan, arc, 1, trajectory, z)
-    steps = propagate(
-        model, t_a, t_b, state[6], thrust, mass_rate, d_thrust, d_rate, tolerance, r, v, accelerations, work
-    )
+    steps = integrate(
+        model, t_a, t_b, state[6], thrust, mass_rate, d_thrust, d_rate, tolerance, r, v, accelerations, work,
+        trail,
+    )  # fmt: skip
     if steps < 0:
         return int(steps)
     for i in range(3):

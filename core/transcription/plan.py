@@ -6,7 +6,8 @@ derivatives follow from them.
 """
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,9 @@ from numpy.typing import NDArray
 from core.problem import Problem
 from core.transcription.layout import CONTROL, STATE, Layout, TrajectoryLayout
 from core.units import TU_DAYS
+
+if TYPE_CHECKING:
+    from core.transcription.pattern import Pattern
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -28,6 +32,10 @@ DEPARTURE, TARGET, NODE, PARENT = range(4)
 class Plan(NamedTuple):
     """Arcs, legs and defect blocks, in the order in which they are evaluated."""
 
+    #: Whether the controls in z are throttle vectors, not throttles and angles, and what rounds off their
+    #: lengths, docs/method.md eq. S6.
+    has_thrust_vectors: bool
+    rounding: float
     #: (n_arcs,) index of the arc's throttle in z, -1 where the control is fixed.
     arc_control: Indices
     #: (n_arcs, 3) control where it is fixed: zero on coasts.
@@ -57,7 +65,7 @@ class Plan(NamedTuple):
     block_values: Indices
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Structure:
     """The plan with what only Python needs: sizes and the sparsity pattern."""
 
@@ -72,6 +80,23 @@ class Structure:
     nodes: dict[tuple[int, int], int]
     #: Block of the matchpoint of each trajectory.
     matchpoints: tuple[int, ...]
+
+    @cached_property
+    def pattern(self) -> "Pattern":
+        """Where the second derivatives of the defects stand."""
+        from core.transcription.pattern import pattern_of
+
+        return pattern_of(self.plan)
+
+    @property
+    def hessian_rows(self) -> Indices:
+        """Row in z of each entry of the lower triangle of a Hessian of weighted defects."""
+        return self.pattern.rows
+
+    @property
+    def hessian_columns(self) -> Indices:
+        """Column in z of each of those entries."""
+        return self.pattern.columns
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,8 +128,15 @@ class _Builder:
     """Grows the arcs, legs and blocks of one problem."""
 
     def __init__(
-        self, problem: Problem, layout: Layout, n_legs: int, profiles: tuple[OutageProfile, ...]
+        self,
+        problem: Problem,
+        layout: Layout,
+        n_legs: int,
+        profiles: tuple[OutageProfile, ...],
+        has_thrust_vectors: bool,
+        rounding: float,
     ) -> None:
+        self.has_thrust_vectors, self.rounding = has_thrust_vectors, rounding
         self.problem, self.layout, self.n_legs, self.profiles = problem, layout, n_legs, profiles
         self.arcs: list[tuple[int, tuple[float, ...], _Moment, _Moment]] = []
         self.legs: list[_Leg] = []
@@ -240,7 +272,7 @@ class _Builder:
         leg.arcs += 1
         if control >= 0:
             leg.variables.extend(range(control, control + CONTROL))
-            leg.mass.extend([True, False, False])
+            leg.mass.extend([True] + 2 * [self.has_thrust_vectors])
         for slot, (a, b) in enumerate(zip(start.times, end.times, strict=True)):
             leg.times_used[slot] |= a != 0.0 or b != 0.0
             leg.mass_times[slot] |= a != b and (control >= 0 or fixed[0] != 0.0)
@@ -306,6 +338,8 @@ class _Builder:
     def _plan(self, offsets: list[int]) -> Plan:
         widths = [N_TIMES + len(leg.variables) for leg in self.legs]
         return Plan(
+            has_thrust_vectors=self.has_thrust_vectors,
+            rounding=self.rounding,
             arc_control=np.array([arc[0] for arc in self.arcs]),
             arc_fixed=np.array([arc[1] for arc in self.arcs]),
             arc_constant=np.array([[arc[2].constant, arc[3].constant] for arc in self.arcs]),
@@ -327,7 +361,12 @@ class _Builder:
 
 
 def build_plan(
-    problem: Problem, layout: Layout, n_legs: int = 1, profiles: tuple[OutageProfile, ...] = ()
+    problem: Problem,
+    layout: Layout,
+    n_legs: int = 1,
+    profiles: tuple[OutageProfile, ...] = (),
+    has_thrust_vectors: bool = False,
+    rounding: float = 0.0,
 ) -> Structure:
     """Return the plan of a problem.
 
@@ -342,5 +381,9 @@ def build_plan(
     profiles : tuple of k OutageProfile
         Fixed controls (throttle, rad, rad) held during the outages, none by default; the last control of a
         profile holds until the initial coast after the outage ends [TU].
+    has_thrust_vectors : bool
+        Whether z holds throttle vectors where x has throttles and angles.
+    rounding : float
+        Of the lengths of throttle vectors [-]; 0 leaves their kink at zero.
     """
-    return _Builder(problem, layout, n_legs, profiles).build()
+    return _Builder(problem, layout, n_legs, profiles, has_thrust_vectors, rounding).build()

@@ -17,6 +17,7 @@ from core.ephemeris import EphemerisTable, body_table
 from core.orbits.spiral import departure_state
 from core.orbits.target import target_table, window_days
 from core.problem import Problem
+from core.transcription.curvature import curvature
 from core.transcription.evaluate import evaluate
 from core.transcription.guess import Guess
 from core.transcription.layout import STATE, Layout, checked_vector, layout_of
@@ -170,6 +171,37 @@ class Transcription:
     def evaluate(self, structure: Structure, z: Array, with_partials: bool) -> tuple[Array, Array]:
         """Return canonical defects (7 n_blocks,) and the values of the sparse Jacobian, NaN if not flown."""
         return self._run(structure, z, lift=False, with_partials=with_partials)
+
+    def hessian(self, structure: Structure, z: Array, multipliers: Array) -> Array:
+        """Return the Hessian of multipliers . defects, canonical, NaN where it cannot be flown.
+
+        Parameters
+        ----------
+        structure : Structure
+            `plain` or `lifted`.
+        z : (n_variables,) array
+            Canonical variables.
+        multipliers : (7 n_blocks,) array
+            Weights of the canonical defects [-].
+
+        Returns
+        -------
+        (n_nonzeros,) array
+            Its lower triangle at `structure.hessian_rows` and `structure.hessian_columns`.
+
+        References
+        ----------
+        docs/method.md, eqs. 25-35.
+        """
+        setting, pattern = self.setting, structure.pattern
+        values = np.empty(len(pattern.rows))
+        status = curvature(
+            setting.model, setting.target, setting.departure, structure.plan, pattern, z, self.tolerance,
+            multipliers, values,
+        )  # fmt: skip
+        if status < 0:
+            values[:] = np.nan
+        return values
 
     def _run(self, structure: Structure, z: Array, lift: bool, with_partials: bool) -> tuple[Array, Array]:
         plan, setting = structure.plan, self.setting
