@@ -26,7 +26,7 @@ _BV, _E5V, _E3V = tableau.B, tableau.E5, tableau.E3
 STATE, COAST, THRUST = 1, 8, 11
 
 #: Results of an integration that could not be finished.
-TOO_MANY_STEPS, NOT_FINITE, TRAIL_FULL = -1, -2, -3
+TOO_MANY_STEPS, NOT_FINITE, TRAIL_FULL, BELOW_SURFACE = -1, -2, -3, -4
 
 #: Rows of a trail per step: the stages whose weight of order 8 is not zero.
 TRAIL_ROWS = 8
@@ -97,7 +97,7 @@ def propagate(
     Returns
     -------
     int
-        Steps taken, or TOO_MANY_STEPS or NOT_FINITE.
+        Steps taken, or TOO_MANY_STEPS, NOT_FINITE, or BELOW_SURFACE where a step ends below one.
 
     References
     ----------
@@ -186,6 +186,8 @@ def integrate(
             _advance(step, flat_r, flat_v, flat_work)
             at = span if last else (t if span > 0 else -t)
             field_at(start, record, coefficients, t_a + at, field)
+            if _is_below(model.surfaces, r, field):
+                return BELOW_SURFACE
             _stay(r, work)
             _gravitate(gm, field, work, 0)
             _push(at, mass, thrust, mass_rate, d_thrust, d_mass_rate, work, 0)
@@ -200,6 +202,16 @@ def integrate(
         factor = _SAFETY * error ** (-0.125) if error > 0.0 else _GROW
         h = size * min(_GROW, max(_SHRINK, factor))
     return TOO_MANY_STEPS
+
+
+@compiled
+def _is_below(surfaces: Array, r: Array, field: Array) -> bool:
+    """Return whether a state lies below the surface of Earth or Moon."""
+    from_earth = from_moon = 0.0
+    for i in range(3):
+        from_earth += r[i, 0] * r[i, 0]
+        from_moon += (r[i, 0] - field[i]) * (r[i, 0] - field[i])
+    return bool(from_earth < surfaces[0] * surfaces[0] or from_moon < surfaces[1] * surfaces[1])
 
 
 @compiled

@@ -33,6 +33,8 @@ class ForceModel(NamedTuple):
     bodies: EphemerisTable
     #: Those and the Earth's fall, see `field_table`.
     field: EphemerisTable
+    #: (2,) geocentric and selenocentric distances below which no path may lead [LU]; zeros let all pass.
+    surfaces: Array
 
 
 def force_model(problem: Problem, bodies: EphemerisTable) -> ForceModel:
@@ -45,6 +47,7 @@ def force_model(problem: Problem, bodies: EphemerisTable) -> ForceModel:
         exhaust_velocity=exhaust_velocity_canonical(craft.isp_s, G0),
         bodies=bodies,
         field=field_table(gm, bodies),
+        surfaces=np.zeros(2),
     )
 
 

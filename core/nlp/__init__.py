@@ -1,8 +1,9 @@
 """The local solver: a transcription and a guess in, an outcome with a named status out."""
 
+from core.nlp.judging import outcome_of
 from core.nlp.limits import Limits, Stop
 from core.nlp.outcome import ExitStatus, Outcome, SolveSettings
-from core.nlp.solve import close_defects, limits_of, never, optimize, outcome_of, solve
+from core.nlp.solve import limits_of, never, solve
 
 __all__ = [
     "ExitStatus",
@@ -10,10 +11,8 @@ __all__ = [
     "Outcome",
     "SolveSettings",
     "Stop",
-    "close_defects",
     "limits_of",
     "never",
-    "optimize",
     "outcome_of",
     "solve",
 ]

@@ -25,6 +25,7 @@ class ExitStatus(Enum):
     STOPPED = "The solve was asked to stop; nothing is wrong with the guess."
     LOCALLY_INFEASIBLE = "The solver settled where defects remain; hop again, or shorten the outage."
     STALLED = "The steps became too small while defects remain; hop again, or start from a seed."
+    IMPACT = "The path found passes below the surface of Earth or Moon; hop again, or start from a seed."
     NOT_FINITE = "A state or a partial was not finite; check for a passage through a body."
     SOLVER_FAILURE = "The solver gave up for a reason of its own; hop again."
 
@@ -36,7 +37,7 @@ class SolveSettings:
     #: CPU time after which the solve ends, whatever it has [s]: a guard, so that the iterations decide.
     cpu_seconds: float = 120.0
     #: Iterations of the solver, all phases together [-].
-    max_iterations: int = 1500
+    max_iterations: int = 3000
 
     def __post_init__(self) -> None:
         """Refuse limits under which nothing can be solved."""

@@ -1,40 +1,25 @@
 """The local solver pi: from a guess to a solution, or to the reason why there is none."""
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
-from core.nlp.ipopt import Run, run_ipopt
+from core.nlp.descent import State
+from core.nlp.judging import close_finely, is_feasible, outcome_of
 from core.nlp.limits import Limits, Stop
 from core.nlp.outcome import ExitStatus, Outcome, SolveSettings
-from core.tolerances import violation
+from core.nlp.phases import is_solved, reach, save_propellant, starts
+from core.nlp.polish import polish
+from core.nlp.robust import Deepen, Robust
+from core.nlp.thrust_vectors import ThrustVectors
 from core.transcription import Guess, Transcription, checked_vector
 
 Array = NDArray[np.float64]
 
-#: Weight of the final mass in the objective: measured, docs/decisions/0001-solver-settings.md.
-WEIGHT = 0.1
 
-#: Tolerance of the integrator when a solution is closed and judged: over 90 days the default one is off by
-#: up to a kilometre, this one by metres.
-FINE_TOLERANCE = 1e-12
-
-# Another integrator must agree that the point is feasible, so defects are closed well below the tolerance.
-_WELL_CLOSED, _TOO_FAR = 0.01, 1e4
-
-_STATUS = {
-    0: ExitStatus.OPTIMAL,
-    1: ExitStatus.ACCEPTABLE,
-    2: ExitStatus.LOCALLY_INFEASIBLE,
-    3: ExitStatus.STALLED,
-    -1: ExitStatus.ITERATION_LIMIT,
-    -2: ExitStatus.STALLED,
-    -3: ExitStatus.STALLED,
-    -13: ExitStatus.NOT_FINITE,
-}
-_USER_STOP = 5
-_ENDED_WELL = (ExitStatus.OPTIMAL, ExitStatus.ACCEPTABLE)
+#: Legs of the form in which propellant is saved: shorter ones bend less.
+OPTIMUM_LEGS = 20
+#: How often the descent and IPOPT take turns until the optimum is found.
+ROUNDS = 3
 
 
 def never() -> bool:
@@ -47,8 +32,12 @@ def solve(
     guess: Array | Guess,
     settings: SolveSettings | None = None,
     stop: Stop = never,
+    deepen: Deepen | None = None,
 ) -> Outcome:
     """Solve P_k from a guess.
+
+    The reference is closed and optimized on its own, then each realization is closed against it; those that
+    do not close move the reference, and are optimized together with it.
 
     Parameters
     ----------
@@ -60,6 +49,9 @@ def solve(
         Limits; the defaults if None.
     stop : callable
         Asked once per iteration; true ends the solve with the best point so far.
+    deepen : callable
+        What is still flown during the outages of a problem at a depth between 0 and 1: with it, outages that
+        do not close at once are deepened from nothing.
 
     Returns
     -------
@@ -70,12 +62,18 @@ def solve(
     ------
     ValueError
         When the guess has another shape or is not finite.
+
+    References
+    ----------
+    docs/method.md, section 7.
     """
     limits = limits_of(transcription, settings or SolveSettings(), stop)
-    start = transcription.lift(_within(transcription, guess))
-    if not np.all(np.isfinite(start)):
-        return outcome_of(transcription, [transcription.drop_nodes(start)], ExitStatus.NOT_FINITE, limits)
-    return optimize(transcription, start, limits)
+    robust = _taken_apart(transcription, guess, limits, deepen)
+    status = _start(robust)
+    if robust.is_started:
+        status = _realize(robust, status)
+    robust.finish()
+    return outcome_of(transcription, robust.x, status, limits)
 
 
 def limits_of(transcription: Transcription, settings: SolveSettings, stop: Stop) -> Limits:
@@ -84,117 +82,86 @@ def limits_of(transcription: Transcription, settings: SolveSettings, stop: Stop)
     return Limits(settings.cpu_seconds * share, settings.max_iterations * share, stop)
 
 
-def optimize(transcription: Transcription, start: Array, limits: Limits) -> Outcome:
-    """Solve from a finite lifted vector within limits that may already be partly used."""
-    run = run_ipopt(transcription, start, WEIGHT, limits)
-    candidates = [transcription.drop_nodes(z) for z in (run.z, run.closed) if z is not None]
-    return outcome_of(transcription, candidates, _status(run, limits), limits)
-
-
-def close_defects(
-    transcription: Transcription, start: Array, limits: Limits, most_iterations: int
-) -> Array | None:
-    """Return a lifted vector near a start with all defects closed, or None if that fails soon.
-
-    Parameters
-    ----------
-    transcription : Transcription
-        The problem.
-    start : (n,) array
-        Canonical lifted vector.
-    limits : Limits
-        Work left; what this takes is counted there.
-    most_iterations : int
-        Iterations that this may take [-].
-    """
-    allowed = min(limits.iteration_budget, limits.iterations + most_iterations)
-    step = replace(limits, iteration_budget=allowed)
-    run = run_ipopt(transcription, start, WEIGHT, step, stop_when_closed=True)
-    limits.iterations, limits.evaluations = step.iterations, step.evaluations
-    limits.is_stopped = step.is_stopped
-    return run.closed
-
-
-def outcome_of(
-    transcription: Transcription, candidates: list[Array], status: ExitStatus, limits: Limits
-) -> Outcome:
-    """Return the outcome with the best of some decision vectors, judged by their physical defects."""
-    fine = transcription.at_tolerance(FINE_TOLERANCE)
-    judged = [_judged(fine, _inside(transcription, x)) for x in candidates]
-    x, defects, worst = min(judged, key=lambda entry: _rank(transcription, *entry))
-    status = _weighed(status, worst <= 1.0)
-    return Outcome(
-        status=status,
-        x=x,
-        objective=float(x[transcription.layout.reference.final_mass]),
-        violation=worst,
-        defects=defects,
-        n_iterations=limits.iterations,
-        n_evaluations=limits.evaluations,
-        cpu_seconds=limits.cpu_used,
-    )
-
-
-def _weighed(status: ExitStatus, is_feasible: bool) -> ExitStatus:
-    """Return what a status means for a point that turned out feasible, or not."""
-    if not is_feasible:
-        return ExitStatus.STALLED if status in _ENDED_WELL else status
-    if status in _ENDED_WELL or status is ExitStatus.STOPPED:
-        return status
-    return ExitStatus.FEASIBLE_AT_DEADLINE if status is ExitStatus.TIMEOUT else ExitStatus.FEASIBLE_AT_LIMIT
-
-
-def _within(transcription: Transcription, guess: Array | Guess) -> Array | Guess:
-    x = _inside(transcription, checked_vector(transcription.layout, guess))
-    return Guess(x, guess.states) if isinstance(guess, Guess) else x
-
-
-def _inside(transcription: Transcription, x: Array) -> Array:
-    # IPOPT relaxes bounds by 1e-8; a solution must hold them exactly.
+def _taken_apart(
+    transcription: Transcription, guess: Array | Guess, limits: Limits, deepen: Deepen | None
+) -> Robust:
     lower, upper = transcription.bounds
-    return np.clip(x, lower, upper)
+    x = np.clip(checked_vector(transcription.layout, guess), lower, upper)
+    ends = [trajectory.stop for trajectory in transcription.layout.trajectories]
+    reference, *realizations = np.split(x, ends[:-1])
+    states = guess.states if isinstance(guess, Guess) else None
+    path, *others = states or (None,) * len(ends)
+    return Robust(transcription, limits, deepen, reference, realizations, path, others)
 
 
-def _judged(transcription: Transcription, x: Array) -> tuple[Array, Array, float]:
-    defects = transcription.defects(x).reshape(-1, 7)
-    if violation(defects) > _WELL_CLOSED:
-        x, defects = _close(transcription, x, defects)
-    return x, defects, violation(defects)
-
-
-def _close(transcription: Transcription, x: Array, defects: Array) -> tuple[Array, Array]:
-    """Close small defects of the single-matchpoint form by minimum-norm Gauss-Newton steps, if they shrink.
-
-    Dropping the nodes adds up the residual defects of all legs, amplified by what lies behind them.
-    """
-    lower, upper = transcription.bounds
-    for _ in range(3):
-        if not _WELL_CLOSED < violation(defects) < _TOO_FAR:
+def _start(robust: Robust) -> ExitStatus:
+    """Close and optimize the reference on its own, from the first start that leads to a feasible path."""
+    alone, limits = robust.together([]), robust.limits
+    form = ThrustVectors(alone)
+    z = form.start(robust.guess([]))
+    if not np.all(np.isfinite(z)):
+        return ExitStatus.NOT_FINITE
+    state = State(form, z, 1.0)
+    if is_solved(state):
+        # What arrives closed was optimal once, as seeds are: it is only polished.
+        robust.take([], alone, form.decision(z), z)
+        robust.is_started = True
+        return _optimize(robust, is_near=True)
+    status = ExitStatus.LOCALLY_INFEASIBLE
+    for start in starts(form, z):
+        state = reach(form, start, limits)
+        if is_solved(state):
+            robust.take([], alone, form.decision(state.z), state.z)
+            status = _optimize(robust, is_near=False)
+            robust.is_started = is_feasible(alone, close_finely(alone, robust.reference))
+        if robust.is_started or limits.is_over:
             break
-        scaled = transcription.jacobian(x).toarray() * (upper - lower)
-        if not np.all(np.isfinite(scaled)):
+    return status if robust.is_started else _failure(limits)
+
+
+def _realize(robust: Robust, status: ExitStatus) -> ExitStatus:
+    """Close the realizations; those that do not close against the reference join it."""
+    members = range(robust.transcription.problem.k)
+    for _ in range(len(members) + 1):
+        opened = [i for i in members if i not in robust.acting and not robust.close_alone(i)]
+        if not opened:
             break
-        free = (x > lower) & (x < upper)
-        step = np.zeros(len(x))
-        step[free] = np.linalg.lstsq(scaled[:, free], -defects.ravel(), rcond=1e-12)[0]
-        trial = np.clip(x + step * (upper - lower), lower, upper)
-        trial_defects = transcription.defects(trial).reshape(-1, 7)
-        if not violation(trial_defects) < violation(defects):
-            break
-        x, defects = trial, trial_defects
-    return x, defects
+        for i in opened:
+            together = sorted([*robust.acting, i])
+            if not robust.close_together(together):
+                return _failure(robust.limits)
+            robust.acting = together
+            robust.closed -= set(together)
+        status = _optimize(robust, is_near=False)
+    return status
 
 
-def _rank(transcription: Transcription, x: Array, defects: Array, worst: float) -> tuple[float, float]:
-    """Order points: feasible before infeasible, then by violation, then by final mass."""
-    return (max(worst, 1.0), -float(x[transcription.layout.reference.final_mass]))
+def _optimize(robust: Robust, is_near: bool) -> ExitStatus:
+    """Save propellant with the realizations that act on the reference, then converge to the optimum."""
+    limits, acting = robust.limits, robust.acting
+    part = robust.together(acting, max(OPTIMUM_LEGS, robust.transcription.n_legs))
+    form = ThrustVectors(part)
+    for _ in range(1 if is_near else ROUNDS):
+        if not is_near:
+            state = State(form, form.start(robust.guess(acting)), 1.0)
+            save_propellant(state, limits)
+            if is_solved(state):
+                robust.improve(part, form.decision(state.z), state.z)
+            if not part.is_clear(robust.vector(acting)):
+                return ExitStatus.IMPACT
+        polished = polish(part, robust.guess(acting), limits)
+        is_taken = polished.x is not None and robust.improve(part, polished.x, polished.z)
+        if polished.is_optimal and is_taken:
+            return ExitStatus.OPTIMAL
+        if limits.is_over:
+            return _failure(limits)
+    return ExitStatus.ACCEPTABLE
 
 
-def _status(run: Run, limits: Limits) -> ExitStatus:
-    if run.code != _USER_STOP:
-        return _STATUS.get(run.code, ExitStatus.SOLVER_FAILURE)
+def _failure(limits: Limits) -> ExitStatus:
+    """Return why defects stay open, or why the optimum was not reached."""
     if limits.is_stopped:
         return ExitStatus.STOPPED
-    if run.is_settled:
-        return ExitStatus.ACCEPTABLE
-    return ExitStatus.TIMEOUT if limits.is_late else ExitStatus.ITERATION_LIMIT
+    if limits.is_late:
+        return ExitStatus.TIMEOUT
+    return ExitStatus.ITERATION_LIMIT if limits.is_over else ExitStatus.LOCALLY_INFEASIBLE

@@ -1,14 +1,15 @@
 """From a problem to the functions a solver needs: decision vector in, defects and partials out."""
 
 from core.transcription.arcs import ReferencePath, fly_arc, target_state
-from core.transcription.control import control_of, throttle_of
+from core.transcription.control import control_of, throttle_of, wrapped
 from core.transcription.guess import Guess
-from core.transcription.layout import Layout, TrajectoryLayout, checked_vector, layout_of
+from core.transcription.layout import STATE, Layout, TrajectoryLayout, checked_vector, layout_of
 from core.transcription.plan import OutageProfile, Structure
 from core.transcription.transcription import DEFAULT_LEGS, STATE_SCALE, TOLERANCE, Transcription, transcribe
 
 __all__ = [
     "DEFAULT_LEGS",
+    "STATE",
     "STATE_SCALE",
     "TOLERANCE",
     "Guess",
@@ -25,4 +26,5 @@ __all__ = [
     "target_state",
     "throttle_of",
     "transcribe",
+    "wrapped",
 ]

@@ -182,3 +182,11 @@ def throttle_of(controls: Array) -> Array:
     flat = np.cos(out_of_plane)
     direction = [flat * np.cos(in_plane), flat * np.sin(in_plane), np.sin(out_of_plane)]
     return np.asarray((throttle * np.array(direction)).T)
+
+
+def wrapped(controls: Array) -> Array:
+    """Return controls (n, 3) [-, rad, rad] of the same thrust with angles in -pi .. pi and -pi/2 .. pi/2."""
+    throttle, in_plane, out_of_plane = controls.T
+    folded = np.arctan2(np.sin(out_of_plane), np.abs(np.cos(out_of_plane)))
+    turned = in_plane + np.where(np.cos(out_of_plane) < 0.0, np.pi, 0.0)
+    return np.stack([throttle, np.arctan2(np.sin(turned), np.cos(turned)), folded], axis=1)

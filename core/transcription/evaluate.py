@@ -43,7 +43,7 @@ def evaluate(
     plan : Plan
         What to evaluate.
     z : (n_variables,) array
-        Canonical variables; with `lift` the nodes are written: each gets the end of the leg before it.
+        Canonical variables; with `lift` nodes that are NaN are written: each gets the end of the leg before.
     tolerance : float
         Of the integrator [-].
     lift, with_partials : bool
@@ -83,7 +83,7 @@ def evaluate(
             if taken < 0:
                 return taken
             steps += taken
-        if lift and plan.leg_node[leg] >= 0:
+        if lift and plan.leg_node[leg] >= 0 and np.isnan(z[plan.leg_node[leg]]):
             z[plan.leg_node[leg] : plan.leg_node[leg] + _N] = ends[leg]
         if with_partials:
             _leg_partials(plan, leg, transitions, by_control, rates, d_start, columns)

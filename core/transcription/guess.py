@@ -15,8 +15,9 @@ class Guess:
 
     #: (n_variables,) in the paper layout [days, rad, kg].
     x: Array
-    #: (N_w + 1, 7) states at the segment boundaries of each trajectory [LU, VU, MU]; None: propagate x.
-    states: tuple[Array, ...] | None = None
+    #: (N_w + 1, 7) states at the segment boundaries of each trajectory [LU, VU, MU]; None, or NaN for a
+    #: boundary: propagate x.
+    states: tuple[Array | None, ...] | None = None
 
     def __len__(self) -> int:
         """Return the length of x."""

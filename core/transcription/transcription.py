@@ -5,13 +5,14 @@ the solver uses, are canonical and carry shooting nodes behind x.
 """
 
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from core.constants import RADIUS_EARTH_KM, RADIUS_MOON_KM
 from core.dynamics import ForceModel, force_model
 from core.ephemeris import EphemerisTable, body_table
 from core.orbits.spiral import departure_state
@@ -31,6 +32,9 @@ STATE_SCALE = np.array([LU_KM] * 3 + [VU_KM_S] * 3 + [MU_KG])
 
 #: Default number of shooting legs; a first trial of the method found 1, 25 and 50 worse.
 DEFAULT_LEGS = 10
+
+#: Radii of a body that a path must keep from its centre [-].
+CLEARANCE = 1.05
 
 _ROOM_DAYS = 5.0
 
@@ -71,6 +75,8 @@ class Transcription:
         self.setting = _setting(problem.model_copy(update={"outages": ()}))
         self.plain: Structure = build_plan(problem, self.layout, 1, profiles)
         self.lifted: Structure = build_plan(problem, self.layout, n_legs, profiles)
+        #: The lifted form with throttle vectors for controls: the same variables otherwise, nodes included.
+        self.vectors: Structure = build_plan(problem, self.layout, n_legs, profiles, has_thrust_vectors=True)
         self.scale = self.layout.scale()
 
     @property
@@ -149,20 +155,43 @@ class Transcription:
         other.tolerance = tolerance
         return other
 
+    def is_clear(self, x: Array) -> bool:
+        """Return whether no trajectory of a decision vector comes within `CLEARANCE` radii of Earth or Moon.
+
+        Only the ends of steps are looked at, which are further out than a closest approach between them.
+        """
+        solid = copy(self)
+        radii = np.array([RADIUS_EARTH_KM, RADIUS_MOON_KM]) * CLEARANCE / LU_KM
+        solid.setting = replace(self.setting, model=self.setting.model._replace(surfaces=radii))
+        return bool(np.all(np.isfinite(solid.defects(x))))
+
     def lift(self, guess: Array | Guess) -> Array:
         """Return the canonical lifted vector of a guess.
 
-        Its nodes lie on the two propagated halves of x, so that only the matchpoint defects are not zero, or
-        on the states that the guess brings along.
+        Its nodes lie on the states that the guess brings along, and where it has none on the propagated
+        halves of x, so that a guess without states leaves only the matchpoint defects open.
         """
-        z = np.zeros(self.lifted.n_variables)
+        z = np.full(self.lifted.n_variables, np.nan)
         z[: self.n_variables] = checked_vector(self.layout, guess) / self.scale
-        if isinstance(guess, Guess) and guess.states is not None:
-            for (trajectory, boundary), place in self.lifted.nodes.items():
-                z[place : place + STATE] = guess.states[trajectory][boundary - 1]
-        else:
-            self._run(self.lifted, z, lift=True, with_partials=False)
+        states = guess.states if isinstance(guess, Guess) else None
+        for (trajectory, boundary), place in self.lifted.nodes.items():
+            path = states[trajectory] if states is not None else None
+            if path is not None:
+                z[place : place + STATE] = path[boundary - 1]
+        self.fill_nodes(self.lifted, z)
         return z
+
+    def fill_nodes(self, structure: Structure, z: Array) -> None:
+        """Set nodes of a lifted vector that are NaN to the end of the leg before, where it can be flown."""
+        self._run(structure, z, lift=True, with_partials=False)
+
+    def nodes_of(self, z: Array, trajectory: int) -> Array:
+        """Return the (N_w + 1, 7) boundary states of a trajectory in a lifted vector, NaN without a node."""
+        states = np.full((self.layout.trajectories[trajectory].n_segments + 1, STATE), np.nan)
+        for (index, boundary), place in self.lifted.nodes.items():
+            if index == trajectory:
+                states[boundary - 1] = z[place : place + STATE]
+        return states
 
     def drop_nodes(self, z: Array) -> Array:
         """Return x of a lifted vector."""
@@ -244,10 +273,17 @@ def transcribe(
     profiles: tuple[OutageProfile, ...] = (),
 ) -> Transcription:
     """Return the transcription of a problem; see `Transcription` for the parameters."""
-    transcription = Transcription(problem, n_legs, tolerance, profiles)
-    # The first evaluation of each kind compiles: that must not be charged to a solve.
+    _compile(problem.model_copy(update={"outages": ()}))
+    return Transcription(problem, n_legs, tolerance, profiles)
+
+
+@lru_cache(maxsize=1)
+def _compile(reference: Problem) -> None:
+    """Evaluate once what a solve evaluates: the first time of each kind compiles, and is no solve's affair."""
+    transcription = Transcription(reference)
     lower, upper = transcription.bounds
-    middle = 0.5 * (lower + upper)
-    transcription.defects(middle)
-    transcription.jacobian(middle)
-    return transcription
+    z = transcription.lift(0.5 * (lower + upper))
+    for structure in (transcription.lifted, transcription.vectors):
+        for with_partials in (False, True):
+            defects, _ = transcription.evaluate(structure, z, with_partials)
+    transcription.hessian(transcription.lifted, z, np.ones_like(defects))

@@ -1,0 +1,78 @@
+"""What a decision vector is worth: its defects closed and judged by a finer integrator."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.nlp.limits import Limits
+from core.nlp.outcome import ExitStatus, Outcome
+from core.tolerances import violation
+from core.transcription import Transcription
+
+Array = NDArray[np.float64]
+
+#: Tolerance of the integrator when a solution is closed and judged: over 90 days the default one is off by
+#: up to a kilometre, this one by metres.
+FINE_TOLERANCE = 1e-12
+
+# Another integrator must agree that the point is feasible, so defects are closed well below the tolerance.
+_WELL_CLOSED, _TOO_FAR = 0.01, 1e4
+_MOST_STEPS = 3
+_ENDED_WELL = (ExitStatus.OPTIMAL, ExitStatus.ACCEPTABLE)
+
+
+def outcome_of(transcription: Transcription, x: Array, status: ExitStatus, limits: Limits) -> Outcome:
+    """Return the outcome that a decision vector inside its box is, judged by its physical defects."""
+    defects = transcription.at_tolerance(FINE_TOLERANCE).defects(x).reshape(-1, 7)
+    worst = violation(defects)
+    if worst <= 1.0 and not transcription.is_clear(x):
+        status, worst = ExitStatus.IMPACT, np.inf
+    return Outcome(
+        status=_weighed(status, worst <= 1.0),
+        x=x,
+        objective=float(x[transcription.layout.reference.final_mass]),
+        violation=worst,
+        defects=defects,
+        n_iterations=limits.iterations,
+        n_evaluations=limits.evaluations,
+        cpu_seconds=limits.cpu_used,
+    )
+
+
+def close_finely(transcription: Transcription, x: Array) -> Array:
+    """Close small defects of the single-matchpoint form by minimum-norm Gauss-Newton steps, if they shrink.
+
+    Dropping the nodes adds up the residual defects of all legs, amplified by what lies behind them.
+    """
+    fine = transcription.at_tolerance(FINE_TOLERANCE)
+    lower, upper = transcription.bounds
+    defects = fine.defects(x)
+    for _ in range(_MOST_STEPS):
+        if not _WELL_CLOSED < violation(defects.reshape(-1, 7)) < _TOO_FAR:
+            break
+        scaled = fine.jacobian(x).toarray() * (upper - lower)
+        if not np.all(np.isfinite(scaled)):
+            break
+        free = (x > lower) & (x < upper)
+        step = np.zeros(len(x))
+        step[free] = np.linalg.lstsq(scaled[:, free], -defects, rcond=1e-12)[0]
+        trial = np.clip(x + step * (upper - lower), lower, upper)
+        trial_defects = fine.defects(trial)
+        if not violation(trial_defects.reshape(-1, 7)) < violation(defects.reshape(-1, 7)):
+            break
+        x, defects = trial, trial_defects
+    return x
+
+
+def is_feasible(transcription: Transcription, x: Array) -> bool:
+    """Return whether a decision vector is closed to strict tolerance and leads through no body."""
+    defects = transcription.at_tolerance(FINE_TOLERANCE).defects(x).reshape(-1, 7)
+    return violation(defects) <= 1.0 and transcription.is_clear(x)
+
+
+def _weighed(status: ExitStatus, is_closed: bool) -> ExitStatus:
+    """Return what a status means for a point that turned out closed, or not."""
+    if not is_closed:
+        return ExitStatus.STALLED if status in _ENDED_WELL else status
+    if status in _ENDED_WELL or status is ExitStatus.STOPPED:
+        return status
+    return ExitStatus.FEASIBLE_AT_DEADLINE if status is ExitStatus.TIMEOUT else ExitStatus.FEASIBLE_AT_LIMIT

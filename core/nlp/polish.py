@@ -1,0 +1,208 @@
+"""IPOPT with exact second derivatives: from a point with closed defects to the local optimum nearby."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import cyipopt
+import numpy as np
+from numpy.typing import NDArray
+
+from core.nlp.limits import Limits
+from core.nlp.thrust_vectors import node_scales
+from core.transcription import Guess, Structure, Transcription, wrapped
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+#: Largest canonical defect of a point that may be kept as feasible: 4 mm, 1e-8 km/s.
+CLOSED = 1e-8
+
+#: Weight of the final mass in the objective: a throttle of a segment then weighs some 4e-3.
+WEIGHT = 10.0
+
+#: Iterations in which a point is to become optimal.
+MOST_ITERATIONS = 300
+
+# What a polished point may lose by closing its defects better [MU].
+_LOSS = 1e-6
+
+# A variable lies at its bound if it is this close and the bound's multiplier is the greater of the two.
+_AT_BOUND = 1e-4
+
+#: Measured on ppe-drm3, docs/decisions/0001-solver-settings.md.
+OPTIONS: dict[str, str | float | int] = {
+    "print_level": 0,
+    "sb": "yes",
+    "mu_strategy": "monotone",
+    "mu_init": 1e-5,
+    "bound_push": 1e-7,
+    "bound_frac": 1e-7,
+    "bound_relax_factor": 0.0,
+    "theta_min_fact": 1e-7,
+    "theta_max_fact": 1e-2,
+    "tol": 1e-9,
+    "constr_viol_tol": CLOSED,
+    "nlp_scaling_method": "none",
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Polished:
+    """What IPOPT made of a point."""
+
+    #: Best decision vector with closed defects, None if there was none better than the start.
+    x: Array | None
+    #: Its lifted form.
+    z: Array
+    #: Whether it is a local optimum to IPOPT's tolerance.
+    is_optimal: bool
+
+
+@dataclass(slots=True, eq=False)
+class _Callbacks:
+    """The lifted problem in scaled variables; values are kept, since IPOPT asks for each separately."""
+
+    transcription: Transcription
+    limits: Limits
+    scale: Array
+    last_iteration: int
+    closed: Array | None = None
+    _at: bytes = b""
+    _partials_at: bytes = b""
+    _point: Array = field(default_factory=lambda: np.empty(0))
+    _defects: Array = field(default_factory=lambda: np.empty(0))
+    _values: Array = field(default_factory=lambda: np.empty(0))
+
+    @property
+    def mass(self) -> int:
+        return self.transcription.layout.reference.final_mass
+
+    @property
+    def _form(self) -> Structure:
+        return self.transcription.lifted
+
+    def objective(self, w: Array) -> float:
+        return float(-WEIGHT * w[self.mass] * self.scale[self.mass])
+
+    def gradient(self, w: Array) -> Array:
+        gradient = np.zeros(len(w))
+        gradient[self.mass] = -WEIGHT * self.scale[self.mass]
+        return gradient
+
+    def constraints(self, w: Array) -> Array:
+        key = w.tobytes()
+        if key != self._at:
+            self._defects, _ = self.transcription.evaluate(self._form, w * self.scale, with_partials=False)
+            self._at = key
+            self.limits.evaluations += 1
+        return self._defects
+
+    def jacobianstructure(self) -> tuple[Indices, Indices]:
+        return self._form.rows, self._form.columns
+
+    def jacobian(self, w: Array) -> Array:
+        key = w.tobytes()
+        if key != self._partials_at:
+            self._point = w * self.scale
+            self._defects, values = self.transcription.evaluate(self._form, self._point, with_partials=True)
+            self._values = values * self.scale[self._form.columns]
+            self._at = self._partials_at = key
+            self.limits.evaluations += 1
+        return self._values
+
+    def hessianstructure(self) -> tuple[Indices, Indices]:
+        return self._form.hessian_rows, self._form.hessian_columns
+
+    def hessian(self, w: Array, multipliers: Array, weight: float) -> Array:
+        # The objective is linear.
+        rows, columns = self.hessianstructure()
+        values = self.transcription.hessian(self._form, w * self.scale, multipliers)
+        return np.asarray(values * self.scale[rows] * self.scale[columns])
+
+    def intermediate(
+        self,
+        alg_mod: int,
+        iter_count: int,
+        obj_value: float,
+        inf_pr: float,
+        inf_du: float,
+        mu: float,
+        d_norm: float,
+        regularization_size: float,
+        alpha_du: float,
+        alpha_pr: float,
+        ls_trials: int,
+    ) -> bool:
+        if iter_count > 0:
+            self.limits.iterations += 1
+        # The dual infeasibility of an iterate needs its partials, so the last ones are those of this iterate.
+        if alg_mod == 0 and inf_pr <= CLOSED:
+            if self.closed is None or self._point[self.mass] > self.closed[self.mass]:
+                self.closed = self._point
+        return not (self.limits.is_over or self.limits.iterations >= self.last_iteration)
+
+
+def polish(transcription: Transcription, guess: Array | Guess, limits: Limits) -> Polished:
+    """Converge to the local optimum near a point whose defects are closed.
+
+    Parameters
+    ----------
+    transcription : Transcription
+        The problem; its lifted form is solved.
+    guess : (n_variables,) array or Guess
+        The point [days, rad, kg].
+    limits : Limits
+        Work left; counted here.
+
+    Returns
+    -------
+    Polished
+        Never raises for a failed solve.
+    """
+    z, scale = transcription.lift(guess), node_scales(transcription)
+    lower, upper = _bounds(transcription, len(z))
+    n_rows = 7 * len(transcription.lifted.plan.block_plus)
+    last = limits.iterations + MOST_ITERATIONS * (1 + transcription.problem.k)
+    callbacks = _Callbacks(transcription, limits, scale, last)
+    zeros = np.zeros(n_rows)
+    problem = cyipopt.Problem(
+        n=len(z), m=n_rows, problem_obj=callbacks, lb=lower / scale, ub=upper / scale, cl=zeros, cu=zeros
+    )
+    for name, value in OPTIONS.items():
+        problem.add_option(name, value)
+    w, info = problem.solve(np.clip(z, lower, upper) / scale)
+    is_optimal = info["status"] == 0
+    if is_optimal:
+        best = _on_bounds(w, info, lower / scale, upper / scale) * scale
+    elif callbacks.closed is None or callbacks.closed[callbacks.mass] < z[callbacks.mass] - _LOSS:
+        return Polished(None, z, False)
+    else:
+        best = callbacks.closed
+    return Polished(_decision(transcription, best), best, is_optimal)
+
+
+def _on_bounds(w: Array, info: dict[str, Any], lower: Array, upper: Array) -> Array:
+    """Return a solution with the variables at the bounds that hold them, which IPOPT only approaches."""
+    below, above = w - lower, upper - w
+    w = np.where((below < _AT_BOUND) & (below < info["mult_x_L"]), lower, w)
+    return np.where((above < _AT_BOUND) & (above < info["mult_x_U"]), upper, w)
+
+
+def _bounds(transcription: Transcription, n: int) -> tuple[Array, Array]:
+    """Return the box; the angles' bounds are seams of the sphere, and free here."""
+    lower, upper = np.full(n, -1e19), np.full(n, 1e19)
+    for bound, side in zip((lower, upper), transcription.bounds, strict=True):
+        bound[: transcription.n_variables] = side / transcription.scale
+    for trajectory in transcription.layout.trajectories:
+        for angle in (1, 2):
+            places = slice(trajectory.controls.start + angle, trajectory.controls.stop, 3)
+            lower[places], upper[places] = -1e19, 1e19
+    return lower, upper
+
+
+def _decision(transcription: Transcription, z: Array) -> Array:
+    """Return x with angles inside their box."""
+    x = transcription.drop_nodes(z)
+    for trajectory in transcription.layout.trajectories:
+        x[trajectory.controls] = wrapped(x[trajectory.controls].reshape(-1, 3)).ravel()
+    return x
