@@ -86,19 +86,19 @@ class _Model:
         """Return the minimizer; times that would leave their bounds stop there."""
         form, state = self.form, self.state
         stopped = np.zeros(len(form.others))
-        times = np.searchsorted(form.others, form.times)
+        times = np.searchsorted(form.others, form.free_times)
         for _ in range(3):
             weighted = self.j_others * self.softness
             self.factor = cho_factor(self.metric + weighted @ self.j_others.T, check_finite=False)
             right = self.right + self.j_others @ stopped - weighted @ self.by_others
             multipliers = cho_solve(self.factor, right, check_finite=False)
             others = stopped - self.softness * (self.by_others + multipliers @ self.j_others)
-            moved = state.z[form.times] + others[times]
+            moved = state.z[form.free_times] + others[times]
             kept = np.clip(moved, form.earliest, form.latest)
             out = np.abs(kept - moved) > 1e-12
             if not out.any():
                 break
-            stopped[times[out]] = (kept - state.z[form.times])[out]
+            stopped[times[out]] = (kept - state.z[form.free_times])[out]
             self.softness[times[out]] = 0.0
         controls = -self._inverse(self.gradient + (multipliers @ self.flat).reshape(-1, 3))
         return self._assemble(others, controls)

@@ -95,7 +95,7 @@ def _taken_apart(
 
 
 def _start(robust: Robust) -> ExitStatus:
-    """Close and optimize the reference on its own, from the first start that leads to a feasible path."""
+    """Close and optimize the reference on its own, from starts of the guess until one leads to an optimum."""
     alone, limits = robust.together([]), robust.limits
     form = ThrustVectors(alone)
     z = form.start(robust.guess([]))
@@ -107,16 +107,24 @@ def _start(robust: Robust) -> ExitStatus:
         robust.take([], alone, form.decision(z), z)
         robust.is_started = True
         return _optimize(robust, is_near=True)
-    status = ExitStatus.LOCALLY_INFEASIBLE
+    found: list[tuple[float, ExitStatus, Array, Array | None]] = []
     for start in starts(form, z):
         state = reach(form, start, limits)
         if is_solved(state):
             robust.take([], alone, form.decision(state.z), state.z)
             status = _optimize(robust, is_near=False)
-            robust.is_started = is_feasible(alone, close_finely(alone, robust.reference))
-        if robust.is_started or limits.is_over:
+            if is_feasible(alone, close_finely(alone, robust.reference)):
+                mass = float(robust.reference[alone.layout.reference.final_mass])
+                found.append((mass, status, robust.reference, robust.path))
+                robust.is_started = True
+                if status is ExitStatus.OPTIMAL:
+                    break
+        if limits.is_over:
             break
-    return status if robust.is_started else _failure(limits)
+    if not found:
+        return _failure(limits)
+    _, status, robust.reference, robust.path = max(found, key=lambda entry: entry[0])
+    return status
 
 
 def _realize(robust: Robust, status: ExitStatus) -> ExitStatus:
@@ -151,8 +159,9 @@ def _optimize(robust: Robust, is_near: bool) -> ExitStatus:
                 return ExitStatus.IMPACT
         polished = polish(part, robust.guess(acting), limits)
         is_taken = polished.x is not None and robust.improve(part, polished.x, polished.z)
-        if polished.is_optimal and is_taken:
-            return ExitStatus.OPTIMAL
+        if polished.is_optimal:
+            # Not taken: the optimum lies inside a body, or is too sensitive to be flown.
+            return ExitStatus.OPTIMAL if is_taken else ExitStatus.ACCEPTABLE
         if limits.is_over:
             return _failure(limits)
     return ExitStatus.ACCEPTABLE

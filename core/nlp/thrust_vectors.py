@@ -56,8 +56,10 @@ class ThrustVectors:
         #: (n_defects,) rows of the defects that what may move acts on.
         self.rows: Indices = np.flatnonzero(touched)
         self.n_defects = len(self.rows)
+        #: Places of the times that may move, and how far [TU].
+        self.free_times: Indices = self.times[free[self.times]]
         lower, upper = (side / transcription.scale for side in transcription.bounds)
-        self.earliest, self.latest = lower[self.times] + _MARGIN, upper[self.times] - _MARGIN
+        self.earliest, self.latest = lower[self.free_times] + _MARGIN, upper[self.free_times] - _MARGIN
         setting = transcription.setting
         #: Mass flow at full throttle [MU/TU].
         self.flow = setting.model.max_thrust / setting.model.exhaust_velocity
@@ -76,11 +78,9 @@ class ThrustVectors:
     def lengthened(self, start: Array) -> Array:
         """Return a start with shooting times halfway to their latest, flown afresh with its controls."""
         z = start.copy()
-        for index, trajectory in enumerate(self.transcription.layout.trajectories):
-            if self.is_free[index]:
-                shooting = trajectory.shooting_time
-                z[shooting] = 0.5 * (z[shooting] + self.latest[3 * index])
-                self._balance_mass(z, index)
+        z[self.free_times[::3]] += 0.5 * (self.latest - z[self.free_times])[::3]
+        for index in np.flatnonzero(self.is_free):
+            self._balance_mass(z, int(index))
         self.transcription.fill_nodes(self.transcription.vectors, z)
         return z
 
@@ -109,8 +109,7 @@ class ThrustVectors:
 
     def inside(self, z: Array) -> Array:
         """Return z with its times in their bounds; lengths of throttle vectors are the cost's affair."""
-        free = np.isin(self.times, self.others[self.free_others])
-        z[self.times] = np.where(free, np.clip(z[self.times], self.earliest, self.latest), z[self.times])
+        z[self.free_times] = np.clip(z[self.free_times], self.earliest, self.latest)
         return z
 
     def _free(self) -> Mask:

@@ -33,8 +33,9 @@ STATE_SCALE = np.array([LU_KM] * 3 + [VU_KM_S] * 3 + [MU_KG])
 #: Default number of shooting legs; a first trial of the method found 1, 25 and 50 worse.
 DEFAULT_LEGS = 10
 
-#: Radii of a body that a path must keep from its centre [-].
-CLEARANCE = 1.05
+#: Radii of a body that a path must keep from its centre, and the tolerance of the integrator whose steps
+#: are short enough to tell [-].
+CLEARANCE, CLEARANCE_TOLERANCE = 1.01, 1e-12
 
 _ROOM_DAYS = 5.0
 
@@ -160,7 +161,7 @@ class Transcription:
 
         Only the ends of steps are looked at, which are further out than a closest approach between them.
         """
-        solid = copy(self)
+        solid = self.at_tolerance(CLEARANCE_TOLERANCE)
         radii = np.array([RADIUS_EARTH_KM, RADIUS_MOON_KM]) * CLEARANCE / LU_KM
         solid.setting = replace(self.setting, model=self.setting.model._replace(surfaces=radii))
         return bool(np.all(np.isfinite(solid.defects(x))))
@@ -279,7 +280,7 @@ def transcribe(
 
 @lru_cache(maxsize=1)
 def _compile(reference: Problem) -> None:
-    """Evaluate once what a solve evaluates: the first time of each kind compiles, and is no solve's affair."""
+    """Evaluate once what a solve evaluates: the first time compiles, and is no affair of the solve."""
     transcription = Transcription(reference)
     lower, upper = transcription.bounds
     z = transcription.lift(0.5 * (lower + upper))
