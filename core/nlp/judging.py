@@ -16,14 +16,13 @@ FINE_TOLERANCE = 1e-12
 
 # Another integrator must agree that the point is feasible, so defects are closed well below the tolerance.
 _WELL_CLOSED, _TOO_FAR = 0.01, 1e4
-_MOST_STEPS = 3
+_MOST_STEPS, _DOUBT = 3, 10.0
 _ENDED_WELL = (ExitStatus.OPTIMAL, ExitStatus.ACCEPTABLE)
 
 
 def outcome_of(transcription: Transcription, x: Array, status: ExitStatus, limits: Limits) -> Outcome:
     """Return the outcome that a decision vector inside its box is, judged by its physical defects."""
-    defects = transcription.at_tolerance(FINE_TOLERANCE).defects(x).reshape(-1, 7)
-    worst = violation(defects)
+    defects, worst = _judged(transcription, x)
     if worst <= 1.0 and not transcription.is_clear(x):
         status, worst = ExitStatus.IMPACT, np.inf
     return Outcome(
@@ -65,8 +64,20 @@ def close_finely(transcription: Transcription, x: Array) -> Array:
 
 def is_feasible(transcription: Transcription, x: Array) -> bool:
     """Return whether a decision vector is closed to strict tolerance and leads through no body."""
-    defects = transcription.at_tolerance(FINE_TOLERANCE).defects(x).reshape(-1, 7)
-    return violation(defects) <= 1.0 and transcription.is_clear(x)
+    return _judged(transcription, x)[1] <= 1.0 and transcription.is_clear(x)
+
+
+def _judged(transcription: Transcription, x: Array) -> tuple[Array, float]:
+    """Return the defects [km, km/s, kg] and their violation, or the doubt about them if that is greater.
+
+    The doubt is what ten times the integrator's tolerance changes, ten times: on the most sensitive paths
+    another integrator finds other defects, and nothing that this one closes is a solution.
+    """
+    fine, coarse = (
+        transcription.at_tolerance(tolerance).defects(x).reshape(-1, 7)
+        for tolerance in (FINE_TOLERANCE, _DOUBT * FINE_TOLERANCE)
+    )
+    return fine, max(violation(fine), _DOUBT * violation(fine - coarse))
 
 
 def _weighed(status: ExitStatus, is_closed: bool) -> ExitStatus:

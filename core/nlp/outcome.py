@@ -24,7 +24,7 @@ class ExitStatus(Enum):
     TIMEOUT = "The CPU deadline came before the defects closed; raise cpu_seconds or start from a seed."
     STOPPED = "The solve was asked to stop; nothing is wrong with the guess."
     LOCALLY_INFEASIBLE = "The solver settled where defects remain; hop again, or shorten the outage."
-    STALLED = "The steps became too small while defects remain; hop again, or start from a seed."
+    STALLED = "Defects remain, or the path magnifies rounding into some; hop again, or start from a seed."
     IMPACT = "The path found passes below the surface of Earth or Moon; hop again, or start from a seed."
     NOT_FINITE = "A state or a partial was not finite; check for a passage through a body."
     SOLVER_FAILURE = "The solver gave up for a reason of its own; hop again."
