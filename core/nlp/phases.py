@@ -12,7 +12,7 @@ from core.nlp.thrust_vectors import ThrustVectors
 
 Array = NDArray[np.float64]
 
-# All measured, docs/decisions/0003-descent-on-closed-defects.md.
+# All measured, docs/decisions/0001-local-solver.md.
 _STAY, _REACH = Cost(), Cost(energy=1.0)
 _RESPECT = Cost(penalty=100.0, limit=0.97)
 _REFINE = Cost(penalty=1000.0, limit=0.9999)

@@ -29,7 +29,7 @@ _LOSS = 1e-6
 # A variable lies at its bound if it is this close and the bound's multiplier is the greater of the two.
 _AT_BOUND = 1e-4
 
-#: Measured on ppe-drm3, docs/decisions/0001-solver-settings.md.
+#: Measured on ppe-drm3, docs/decisions/0001-local-solver.md.
 OPTIONS: dict[str, str | float | int] = {
     "print_level": 0,
     "sb": "yes",
