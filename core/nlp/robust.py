@@ -29,8 +29,8 @@ JOINT_ITERATIONS, STEP_ITERATIONS = 60, 40
 #: First step of the depth, its growth after success and shrinkage after failure, and the least step.
 FIRST_STEP, GROW, SHRINK, LEAST_STEP = 0.5, 2.0, 0.3, 0.01
 
-# What a solution may lose by being closed better [MU].
-_LOSS = 1e-7
+# What a solution may lose by being closed better [kg].
+_LOSS = 1e-3
 
 
 @dataclass(slots=True, eq=False)
@@ -162,12 +162,16 @@ class Robust:
     def _deepened(self, members: list[int], deepen: Deepen, z: Array) -> Array | None:
         """Return a closed vector at full depth, reached from outages during which some thrust holds on."""
         problem = self.together(members).problem
+        full = deepen(problem, 1.0)
         depth, step = 0.0, FIRST_STEP
         while depth < 1.0 and step >= LEAST_STEP and not self.limits.is_over:
             trial = min(1.0, depth + step)
-            flown = transcribe(
-                problem, self.transcription.n_legs, self.transcription.tolerance, deepen(problem, trial)
+            # Those that act already are closed at full depth.
+            profiles = tuple(
+                deep if member in self.acting else shallow
+                for member, deep, shallow in zip(members, full, deepen(problem, trial), strict=True)
             )
+            flown = transcribe(problem, self.transcription.n_legs, self.transcription.tolerance, profiles)
             state = close(ThrustVectors(flown), z.copy(), self.limits, STEP_ITERATIONS)
             if is_solved(state):
                 z, depth, step = state.z, trial, step * GROW

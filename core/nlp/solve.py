@@ -107,7 +107,7 @@ def _start(robust: Robust) -> ExitStatus:
         robust.take([], alone, form.decision(z), z)
         robust.is_started = True
         return _optimize(robust, is_near=True)
-    found: list[tuple[float, ExitStatus, Array, Array | None]] = []
+    status, found = ExitStatus.LOCALLY_INFEASIBLE, list[tuple[float, ExitStatus, Array, Array | None]]()
     for start in starts(form, z):
         state = reach(form, start, limits)
         if is_solved(state):
@@ -122,7 +122,7 @@ def _start(robust: Robust) -> ExitStatus:
         if limits.is_over:
             break
     if not found:
-        return _failure(limits)
+        return ExitStatus.IMPACT if status is ExitStatus.IMPACT else _failure(limits)
     _, status, robust.reference, robust.path = max(found, key=lambda entry: entry[0])
     return status
 
