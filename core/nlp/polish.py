@@ -23,11 +23,11 @@ WEIGHT = 10.0
 #: Iterations in which a point is to become optimal.
 MOST_ITERATIONS = 300
 
-# What a polished point may lose by closing its defects better [MU].
-_LOSS = 1e-6
-
 # A variable lies at its bound if it is this close and the bound's multiplier is the greater of the two.
 _AT_BOUND = 1e-4
+
+# A final coast whose partials add up to less has no effect.
+_DEAD = 1e-4
 
 #: Measured on ppe-drm3, docs/decisions/0001-local-solver.md.
 OPTIONS: dict[str, str | float | int] = {
@@ -50,9 +50,8 @@ OPTIONS: dict[str, str | float | int] = {
 class Polished:
     """What IPOPT made of a point."""
 
-    #: Best decision vector with closed defects, None if there was none better than the start.
-    x: Array | None
-    #: Its lifted form.
+    #: Decision vector where IPOPT ended, and its lifted form; closed if optimal.
+    x: Array
     z: Array
     #: Whether it is a local optimum to IPOPT's tolerance.
     is_optimal: bool
@@ -66,10 +65,8 @@ class _Callbacks:
     limits: Limits
     scale: Array
     last_iteration: int
-    closed: Array | None = None
     _at: bytes = b""
     _partials_at: bytes = b""
-    _point: Array = field(default_factory=lambda: np.empty(0))
     _defects: Array = field(default_factory=lambda: np.empty(0))
     _values: Array = field(default_factory=lambda: np.empty(0))
 
@@ -103,8 +100,9 @@ class _Callbacks:
     def jacobian(self, w: Array) -> Array:
         key = w.tobytes()
         if key != self._partials_at:
-            self._point = w * self.scale
-            self._defects, values = self.transcription.evaluate(self._form, self._point, with_partials=True)
+            self._defects, values = self.transcription.evaluate(
+                self._form, w * self.scale, with_partials=True
+            )
             self._values = values * self.scale[self._form.columns]
             self._at = self._partials_at = key
             self.limits.evaluations += 1
@@ -135,10 +133,6 @@ class _Callbacks:
     ) -> bool:
         if iter_count > 0:
             self.limits.iterations += 1
-        # The dual infeasibility of an iterate needs its partials, so the last ones are those of this iterate.
-        if alg_mod == 0 and inf_pr <= CLOSED:
-            if self.closed is None or self._point[self.mass] > self.closed[self.mass]:
-                self.closed = self._point
         return not (self.limits.is_over or self.limits.iterations >= self.last_iteration)
 
 
@@ -160,7 +154,7 @@ def polish(transcription: Transcription, guess: Array | Guess, limits: Limits) -
         Never raises for a failed solve.
     """
     z, scale = transcription.lift(guess), node_scales(transcription)
-    lower, upper = _bounds(transcription, len(z))
+    lower, upper = _bounds(transcription, z)
     n_rows = 7 * len(transcription.lifted.plan.block_plus)
     last = limits.iterations + MOST_ITERATIONS * (1 + transcription.problem.k)
     callbacks = _Callbacks(transcription, limits, scale, last)
@@ -171,14 +165,10 @@ def polish(transcription: Transcription, guess: Array | Guess, limits: Limits) -
     for name, value in OPTIONS.items():
         problem.add_option(name, value)
     w, info = problem.solve(np.clip(z, lower, upper) / scale)
-    is_optimal = info["status"] == 0
-    if is_optimal:
-        best = _on_bounds(w, info, lower / scale, upper / scale) * scale
-    elif callbacks.closed is None or callbacks.closed[callbacks.mass] < z[callbacks.mass] - _LOSS:
-        return Polished(None, z, False)
-    else:
-        best = callbacks.closed
-    return Polished(_decision(transcription, best), best, is_optimal)
+    if info["status"] == 0:
+        w = _on_bounds(w, info, lower / scale, upper / scale)
+        return Polished(_decision(transcription, w * scale), w * scale, is_optimal=True)
+    return Polished(_decision(transcription, w * scale), w * scale, is_optimal=False)
 
 
 def _on_bounds(w: Array, info: dict[str, Any], lower: Array, upper: Array) -> Array:
@@ -188,15 +178,22 @@ def _on_bounds(w: Array, info: dict[str, Any], lower: Array, upper: Array) -> Ar
     return np.where((above < _AT_BOUND) & (above < info["mult_x_U"]), upper, w)
 
 
-def _bounds(transcription: Transcription, n: int) -> tuple[Array, Array]:
-    """Return the box; the angles' bounds are seams of the sphere, and free here."""
-    lower, upper = np.full(n, -1e19), np.full(n, 1e19)
+def _bounds(transcription: Transcription, z: Array) -> tuple[Array, Array]:
+    """Return the box; the angles' bounds are seams of the sphere and free here, dead times are fixed."""
+    lower, upper = np.full(len(z), -1e19), np.full(len(z), 1e19)
     for bound, side in zip((lower, upper), transcription.bounds, strict=True):
         bound[: transcription.n_variables] = side / transcription.scale
+    form = transcription.lifted
+    _, values = transcription.evaluate(form, z, with_partials=True)
+    effect = np.bincount(form.columns, np.abs(values), len(z))
     for trajectory in transcription.layout.trajectories:
         for angle in (1, 2):
             places = slice(trajectory.controls.start + angle, trajectory.controls.stop, 3)
             lower[places], upper[places] = -1e19, 1e19
+        # Coasting on a ballistic target changes nothing, and the barrier would only centre it.
+        coast = trajectory.final_coast
+        if effect[coast] < _DEAD:
+            lower[coast] = upper[coast] = np.clip(z[coast], lower[coast], upper[coast])
     return lower, upper
 
 

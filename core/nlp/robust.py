@@ -58,6 +58,11 @@ class Robust:
         """The whole decision vector."""
         return self.vector(list(range(len(self.realizations))))
 
+    @property
+    def final_mass(self) -> float:
+        """Final mass of the reference [kg]."""
+        return float(self.reference[self.transcription.layout.reference.final_mass])
+
     def together(self, members: list[int], n_legs: int | None = None) -> Transcription:
         """Return the problem of the reference and some of the realizations."""
         problem = self.transcription.problem
@@ -101,11 +106,10 @@ class Robust:
 
         The finer integrator decides what is closed: optima of sensitive paths can be lost to the coarser one.
         """
-        mass = self.transcription.layout.reference.final_mass
         closed = close_finely(part, x)
         if not is_feasible(part, closed):
             closed = self._tightened(part, x, z)
-        is_better = closed[mass] > self.reference[mass] - _LOSS
+        is_better = closed[part.layout.reference.final_mass] > self.final_mass - _LOSS
         if not is_feasible(part, closed) or (not is_better and is_feasible(part, self.vector(self.acting))):
             return False
         self.take(self.acting, part, closed, z)

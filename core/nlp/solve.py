@@ -7,9 +7,9 @@ from core.nlp.descent import State
 from core.nlp.judging import close_finely, is_feasible, outcome_of
 from core.nlp.limits import Limits, Stop
 from core.nlp.outcome import ExitStatus, Outcome, SolveSettings
-from core.nlp.phases import is_solved, reach, save_propellant, starts
-from core.nlp.polish import polish
-from core.nlp.robust import Deepen, Robust
+from core.nlp.phases import close, is_solved, reach, save_propellant, starts
+from core.nlp.polish import Polished, polish
+from core.nlp.robust import JOINT_ITERATIONS, Deepen, Robust
 from core.nlp.thrust_vectors import ThrustVectors
 from core.transcription import Guess, Transcription, checked_vector
 
@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 OPTIMUM_LEGS = 20
 #: How often the descent and IPOPT take turns until the optimum is found.
 ROUNDS = 3
+#: Mass that a round must gain for another to follow [kg].
+LEAST_GAIN = 0.1
 
 
 def never() -> bool:
@@ -114,8 +116,7 @@ def _start(robust: Robust) -> ExitStatus:
             robust.take([], alone, form.decision(state.z), state.z)
             status = _optimize(robust, is_near=False)
             if is_feasible(alone, close_finely(alone, robust.reference)):
-                mass = float(robust.reference[alone.layout.reference.final_mass])
-                found.append((mass, status, robust.reference, robust.path))
+                found.append((robust.final_mass, status, robust.reference, robust.path))
                 robust.is_started = True
                 if status is ExitStatus.OPTIMAL:
                     break
@@ -150,6 +151,7 @@ def _optimize(robust: Robust, is_near: bool) -> ExitStatus:
     part = robust.together(acting, max(OPTIMUM_LEGS, robust.transcription.n_legs))
     form = ThrustVectors(part)
     for _ in range(1 if is_near else ROUNDS):
+        before = robust.final_mass
         if not is_near:
             state = State(form, form.start(robust.guess(acting)), 1.0)
             save_propellant(state, limits)
@@ -158,13 +160,24 @@ def _optimize(robust: Robust, is_near: bool) -> ExitStatus:
             if not part.is_clear(robust.vector(acting)):
                 return ExitStatus.IMPACT
         polished = polish(part, robust.guess(acting), limits)
-        is_taken = polished.x is not None and robust.improve(part, polished.x, polished.z)
         if polished.is_optimal:
             # Not taken: the optimum lies inside a body, or is too sensitive to be flown.
+            is_taken = robust.improve(part, polished.x, polished.z)
             return ExitStatus.OPTIMAL if is_taken else ExitStatus.ACCEPTABLE
         if limits.is_over:
             return _failure(limits)
+        _close_again(robust, form, polished)
+        if robust.final_mass < before + LEAST_GAIN:
+            break
     return ExitStatus.ACCEPTABLE
+
+
+def _close_again(robust: Robust, form: ThrustVectors, polished: Polished) -> None:
+    """Take where IPOPT stopped short of the optimum, if that can be closed and is better."""
+    nodes = tuple(form.transcription.nodes_of(polished.z, i) for i in range(1 + len(robust.acting)))
+    state = close(form, form.start(Guess(polished.x, nodes)), robust.limits, JOINT_ITERATIONS)
+    if is_solved(state):
+        robust.improve(form.transcription, form.decision(state.z), state.z)
 
 
 def _failure(limits: Limits) -> ExitStatus:
