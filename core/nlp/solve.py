@@ -6,22 +6,14 @@ from numpy.typing import NDArray
 from core.nlp.descent import State
 from core.nlp.judging import close_finely, is_feasible, outcome_of
 from core.nlp.limits import Limits, Stop
+from core.nlp.optimum import failure, optimize
 from core.nlp.outcome import ExitStatus, Outcome, SolveSettings
-from core.nlp.phases import close, is_solved, reach, save_propellant, starts
-from core.nlp.polish import Polished, polish
-from core.nlp.robust import JOINT_ITERATIONS, Deepen, Robust
+from core.nlp.phases import is_solved, reach, starts
+from core.nlp.robust import Deepen, Robust
 from core.nlp.thrust_vectors import ThrustVectors
 from core.transcription import Guess, Transcription, checked_vector
 
 Array = NDArray[np.float64]
-
-
-#: Legs of the form in which propellant is saved: shorter ones bend less.
-OPTIMUM_LEGS = 20
-#: How often the descent and IPOPT take turns until the optimum is found.
-ROUNDS = 3
-#: Mass that a round must gain for another to follow [kg].
-LEAST_GAIN = 0.1
 
 
 def never() -> bool:
@@ -97,8 +89,8 @@ def _taken_apart(
 
 
 def _start(robust: Robust) -> ExitStatus:
-    """Close and optimize the reference on its own, from starts of the guess until one leads to an optimum."""
-    alone, limits = robust.together([]), robust.limits
+    """Close and optimize the reference on its own."""
+    alone = robust.together([])
     form = ThrustVectors(alone)
     z = form.start(robust.guess([]))
     if not np.all(np.isfinite(z)):
@@ -108,23 +100,27 @@ def _start(robust: Robust) -> ExitStatus:
         # What arrives closed was optimal once, as seeds are: it is only polished.
         robust.take([], alone, form.decision(z), z)
         robust.is_started = True
-        return _optimize(robust, is_near=True)
-    status, found = ExitStatus.LOCALLY_INFEASIBLE, list[tuple[float, ExitStatus, Array, Array | None]]()
+        return optimize(robust, is_near=True)
+    return _from_starts(robust, form, z)
+
+
+def _from_starts(robust: Robust, form: ThrustVectors, z: Array) -> ExitStatus:
+    """Close and optimize the reference from one start after the other until one leads to an optimum."""
+    alone, limits, found = form.transcription, robust.limits, []
+    status = ExitStatus.LOCALLY_INFEASIBLE
     for start in starts(form, z):
         state = reach(form, start, limits)
         if is_solved(state):
             robust.take([], alone, form.decision(state.z), state.z)
-            status = _optimize(robust, is_near=False)
+            status = optimize(robust, is_near=False)
             if is_feasible(alone, close_finely(alone, robust.reference)):
                 found.append((robust.final_mass, status, robust.reference, robust.path))
-                robust.is_started = True
-                if status is ExitStatus.OPTIMAL:
-                    break
-        if limits.is_over:
+        if limits.is_over or (found and status is ExitStatus.OPTIMAL):
             break
     if not found:
-        return ExitStatus.IMPACT if status is ExitStatus.IMPACT else _failure(limits)
+        return ExitStatus.IMPACT if status is ExitStatus.IMPACT else failure(limits)
     _, status, robust.reference, robust.path = max(found, key=lambda entry: entry[0])
+    robust.is_started = True
     return status
 
 
@@ -138,52 +134,8 @@ def _realize(robust: Robust, status: ExitStatus) -> ExitStatus:
         for i in opened:
             together = sorted([*robust.acting, i])
             if not robust.close_together(together):
-                return _failure(robust.limits)
+                return failure(robust.limits)
             robust.acting = together
             robust.closed -= set(together)
-        status = _optimize(robust, is_near=False)
+        status = optimize(robust, is_near=False)
     return status
-
-
-def _optimize(robust: Robust, is_near: bool) -> ExitStatus:
-    """Save propellant with the realizations that act on the reference, then converge to the optimum."""
-    limits, acting = robust.limits, robust.acting
-    part = robust.together(acting, max(OPTIMUM_LEGS, robust.transcription.n_legs))
-    form = ThrustVectors(part)
-    for _ in range(1 if is_near else ROUNDS):
-        before = robust.final_mass
-        if not is_near:
-            state = State(form, form.start(robust.guess(acting)), 1.0)
-            save_propellant(state, limits)
-            if is_solved(state):
-                robust.improve(part, form.decision(state.z), state.z)
-            if not part.is_clear(robust.vector(acting)):
-                return ExitStatus.IMPACT
-        polished = polish(part, robust.guess(acting), limits)
-        if polished.is_optimal:
-            # Not taken: the optimum lies inside a body, or is too sensitive to be flown.
-            is_taken = robust.improve(part, polished.x, polished.z)
-            return ExitStatus.OPTIMAL if is_taken else ExitStatus.ACCEPTABLE
-        if limits.is_over:
-            return _failure(limits)
-        _close_again(robust, form, polished)
-        if robust.final_mass < before + LEAST_GAIN:
-            break
-    return ExitStatus.ACCEPTABLE
-
-
-def _close_again(robust: Robust, form: ThrustVectors, polished: Polished) -> None:
-    """Take where IPOPT stopped short of the optimum, if that can be closed and is better."""
-    nodes = tuple(form.transcription.nodes_of(polished.z, i) for i in range(1 + len(robust.acting)))
-    state = close(form, form.start(Guess(polished.x, nodes)), robust.limits, JOINT_ITERATIONS)
-    if is_solved(state):
-        robust.improve(form.transcription, form.decision(state.z), state.z)
-
-
-def _failure(limits: Limits) -> ExitStatus:
-    """Return why defects stay open, or why the optimum was not reached."""
-    if limits.is_stopped:
-        return ExitStatus.STOPPED
-    if limits.is_late:
-        return ExitStatus.TIMEOUT
-    return ExitStatus.ITERATION_LIMIT if limits.is_over else ExitStatus.LOCALLY_INFEASIBLE
