@@ -53,6 +53,7 @@ def _show(rows: list[Any], settings: dict[str, int]) -> None:
         "N",
         "defects",
         "with Jacobian",
+        "Hessian",
         "ephemeris",
         "propagation",
         "assembly",
@@ -61,11 +62,12 @@ def _show(rows: list[Any], settings: dict[str, int]) -> None:
     )
     listed = report.table(*columns, title="CPU ms, medians over points of the least of the repetitions")
     for row in rows:
-        times = (row.defects_ms, row.jacobian_ms, row.ephemeris_ms, row.propagation_ms, row.assembly_ms)
+        parts = (row.ephemeris_ms, row.propagation_ms, row.assembly_ms)
+        times = (row.defects_ms, row.jacobian_ms, row.hessian_ms, *parts)
         ratio = "-" if row.scipy_over_ours is None else f"{row.scipy_over_ours:.0f}"
         shown = (f"{time:.3f}" for time in times)
         listed.add_row(str(row.k), str(row.n_segments), *shown, f"{row.cost_over_p0:.2f}", ratio)
-    console = Console(width=110)
+    console = Console(width=120)
     console.print(listed)
     for name, value in (machine() | settings).items():
         console.print(f"{name}: {value}", highlight=False)

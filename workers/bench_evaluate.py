@@ -35,10 +35,11 @@ class EvaluateTimes:
 
     k: int
     n_segments: int
-    #: Defects alone; with the sparse Jacobian.
+    #: Defects alone; with the sparse Jacobian; the Hessian of weighted defects.
     defects_ms: float
     jacobian_ms: float
-    #: What of the latter goes into body positions, into the rest of the propagation, into the assembly.
+    hessian_ms: float
+    #: What of the Jacobian goes into body positions, into the rest of the propagation, into the assembly.
     ephemeris_ms: float
     propagation_ms: float
     assembly_ms: float
@@ -70,14 +71,16 @@ def _times(
     transcription: Transcription, k: int, rng_seed: int, n_points: int, repeats: int, alone: float
 ) -> tuple[EvaluateTimes, float]:
     plan = transcription.lifted
+    multipliers = np.random.default_rng(rng_seed).standard_normal(7 * len(plan.plan.block_plus))
     points = [transcription.lift(x) for x in _guesses(transcription, rng_seed, n_points)]
 
     works: tuple[Callable[[Array], object], ...] = (
         lambda z: transcription.evaluate(plan, z, with_partials=False),
         lambda z: transcription.evaluate(plan, z, with_partials=True),
+        lambda z: transcription.hessian(plan, z, multipliers),
         lambda z: flight(transcription, z, THRUST),
     )
-    defects, jacobian, flown = np.array([_least(works, z, repeats) for z in points]).T
+    defects, jacobian, hessian, flown = np.array([_least(works, z, repeats) for z in points]).T
     flights = [flight(transcription, z, STATE) for z in points]
     steps = np.array([one.steps for one in flights])
     calls = np.array([one.ephemeris_calls for one in flights])
@@ -86,6 +89,7 @@ def _times(
     parts = {
         "defects_ms": defects,
         "jacobian_ms": jacobian,
+        "hessian_ms": hessian,
         "ephemeris_ms": ephemeris,
         "propagation_ms": flown - ephemeris,
         "assembly_ms": jacobian - flown,
