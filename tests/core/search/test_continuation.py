@@ -1,10 +1,13 @@
 """Seeds become solutions of problems with outages; another integrator says so."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 from core.analysis.verify import verify
 from core.nlp import ExitStatus, SolveSettings
+from core.nlp.robust import FIRST_STEP, GROW, SHRINK
 from core.search import MAPPINGS, continuation, solve_seed
 from tests.core.known import solution
 from tests.core.transcription.points import PRESET, problem
@@ -30,27 +33,6 @@ def test_a_seed_survives_an_outage_of_a_day(mapping, segments):
     assert found.final_mass_kg[0] == outcome.objective
 
 
-@pytest.mark.parametrize(
-    ("closes", "expected"),
-    [
-        ([True], [1.0]),  # most outages need no steps at all
-        ([False, True, True, True], [1.0, 0.3, 0.9, 1.0]),  # a third of the step, then twice and twice that
-        ([False, True, False, True, True, True], [1.0, 0.3, 0.9, 0.48, 0.84, 1.0]),
-    ],
-)
-def test_a_failed_step_into_the_outage_is_shortened_and_a_good_one_lengthened(monkeypatch, closes, expected):
-    depths, answers, profiles = [], iter(closes), continuation.outage_profiles
-
-    def noted(to, source, x, depth):
-        depths.append(depth)
-        return profiles(to, source, x, depth)
-
-    monkeypatch.setattr(continuation, "outage_profiles", noted)
-    monkeypatch.setattr(continuation, "close_defects", lambda flown, z, *rest: z if next(answers) else None)
-    solve_seed(PRESET, solution(), problem(((8, 1.0),)), "continued", SolveSettings(max_iterations=1))
-    assert depths == pytest.approx(expected, abs=1e-15)  # rounding
-
-
 @pytest.mark.parametrize("mapping", MAPPINGS)
 def test_a_seed_chain_can_be_stopped(mapping):
     asked = []
@@ -63,11 +45,53 @@ def test_a_seed_chain_can_be_stopped(mapping):
     assert outcome.status is ExitStatus.STOPPED and outcome.n_iterations <= 6
 
 
-def test_the_iterations_of_all_steps_count_together(monkeypatch):
-    monkeypatch.setattr(continuation, "FIRST_STEP", 0.5)
+@pytest.mark.parametrize("mapping", MAPPINGS)
+def test_the_iterations_of_all_steps_count_together(mapping):
     asked = problem(((24, 1.0),))
-    outcome = solve_seed(PRESET, solution(), asked, "continued", SolveSettings(max_iterations=15))
-    assert 0 < outcome.n_iterations <= 2 * 15  # k + 1 = 2
+    outcome = solve_seed(PRESET, solution(), asked, mapping, SolveSettings(max_iterations=15))
+    assert 0 < outcome.n_iterations <= 2 * 15 + 1  # k + 1 = 2; IPOPT counts the one it is stopped in
+
+
+@pytest.fixture
+def depths(monkeypatch):
+    """The depths at which profiles are asked for; the first of a deepening is that of the full outage."""
+    noted, profiles = [], continuation.outage_profiles
+
+    def noting(to, source, x, depth):
+        noted.append(depth)
+        return profiles(to, source, x, depth)
+
+    monkeypatch.setattr(continuation, "outage_profiles", noting)
+    return noted
+
+
+def test_a_late_outage_that_no_step_closes_is_deepened_until_it_is_full(depths):
+    # The seed thrusts up to its end, so that an outage in its last segment but one leaves it no time.
+    asked, outcome = solved(49, "aligned")
+    assert outcome.status is ExitStatus.LOCALLY_INFEASIBLE and depths == []
+    asked, outcome = solved(49, "continued")
+    assert outcome.is_feasible and verify(asked, outcome.x).strict
+    assert depths[0] == depths[-1] == 1.0 and 0.0 < min(depths) < 1.0
+
+
+def is_step(depth, step, trial, after):
+    """Return depth and step of the next trial, None if it is none that follows."""
+    for start, wider in ((trial, GROW * step), (depth, SHRINK * step)):
+        if after == pytest.approx(min(1.0, start + wider), abs=1e-12):  # rounding
+            return start, wider
+    return None
+
+
+def test_steps_into_an_outage_grow_after_success_and_shrink_after_failure(depths):
+    asked = problem(((49, 3.0),))
+    outcome = solve_seed(PRESET, solution(), asked, "continued", SETTINGS)
+    assert outcome.is_feasible and verify(asked, outcome.x).strict
+    trials = depths[1:]  # profiles of the full outage come first, then each step
+    assert len(trials) > 3 and trials[0] == FIRST_STEP and trials[-1] == 1.0
+    stand = 0.0, FIRST_STEP
+    for trial, after in pairwise(trials):
+        stand = is_step(*stand, trial, after)
+        assert stand is not None
 
 
 def test_the_same_seed_gives_the_same_solution_to_the_last_bit():
