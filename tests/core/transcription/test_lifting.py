@@ -82,6 +82,40 @@ def test_states_that_a_guess_brings_start_the_nodes():
         np.testing.assert_array_equal(z[place : place + 7], states[boundary - 1])
 
 
+def test_states_that_are_missing_are_propagated_and_no_others():
+    flown = lifted(6, OUTAGES)
+    x = random_point(flown, 4)
+    brought = np.random.default_rng(4).random((21, 7))
+    gaps = brought.copy()
+    gaps[::2] = np.nan
+    z, free = flown.lift(Guess(x, (gaps, None, None, None))), flown.lift(x)
+    defects = evaluate(flown, z)
+    for (trajectory, boundary), place in flown.lifted.nodes.items():
+        if trajectory == 0 and boundary % 2 == 0:
+            np.testing.assert_array_equal(z[place : place + 7], brought[boundary - 1])
+    assert np.isfinite(z).all() and np.any(z != free)
+    # What was filled in joins its leg: as many blocks are closed as nodes were missing.
+    brought_along = sum(trajectory == 0 and boundary % 2 == 0 for trajectory, boundary in flown.lifted.nodes)
+    n_open = brought_along + 1 + len(OUTAGES)
+    assert np.sum(np.any(defects != 0.0, axis=1)) <= n_open
+
+
+@pytest.mark.parametrize("states", [None, (None,) * 4, (np.full((21, 7), np.nan),) * 4])
+def test_without_any_state_a_guess_is_its_vector(states):
+    flown = lifted(6, OUTAGES)
+    x = random_point(flown, 4)
+    np.testing.assert_array_equal(flown.lift(Guess(x, states)), flown.lift(x))
+
+
+def test_the_states_of_a_lifted_vector_lift_it_again():
+    flown = lifted(6, OUTAGES)
+    x = random_point(flown, 4)
+    z = flown.lift(x)
+    z[flown.n_variables :] += 1e-3 * np.random.default_rng(1).standard_normal(len(z) - flown.n_variables)
+    paths = tuple(flown.nodes_of(z, trajectory) for trajectory in range(4))
+    np.testing.assert_array_equal(flown.lift(Guess(x, paths)), z)
+
+
 def test_nodes_lie_on_the_path_of_the_reference():
     flown = lifted(20, ())
     x = random_point(flown, 5)
