@@ -35,7 +35,7 @@ DEFAULT_LEGS = 10
 
 #: Radii of a body that a path must keep from its centre, and the tolerance of the integrator whose steps
 #: are short enough to tell [-].
-CLEARANCE, CLEARANCE_TOLERANCE = 1.01, 1e-12
+CLEARANCE, CLEARANCE_TOLERANCE = 1.03, 1e-12
 
 _ROOM_DAYS = 5.0
 
