@@ -24,13 +24,14 @@ class Cost:
     rounding: float = 0.1
     #: Weight of the squared excess over the limit, halved, in the mean over the reference's segments.
     penalty: float = 0.0
+    #: Share of the throttle's upper bound that is the limit.
     limit: float = 0.97
 
     def value(self, form: ThrustVectors, z: Array) -> float:
         """Return the cost at z."""
         a, n = form.throttles(z), form.n_segments
-        over = np.maximum(a - self.limit, 0.0)
-        total = 0.5 * (self.energy * (a @ a) + self.penalty * (over @ over)) / n
+        excess = self._excess(form, a)
+        total = 0.5 * (self.energy * (a @ a) + self.penalty * (excess @ excess)) / n
         if self.has_propellant:
             total += self._rate(form) * z[form.times[0]] * self._burnt(a[:n]).sum()
         return float(total)
@@ -39,10 +40,11 @@ class Cost:
         """Return d cost / d throttle, and the curvatures across and along the throttle vectors."""
         n = form.n_segments
         length = np.maximum(a, 1e-12)
-        over = np.maximum(a - self.limit, 0.0)
-        slope = (self.energy * a + self.penalty * over) / n
-        across = (self.energy + self.penalty * over / length) / n
-        along = (self.energy + self.penalty * (over > 0.0)) / n
+        excess = self._excess(form, a)
+        slope = (self.energy * a + self.penalty * excess) / n
+        # What is too short is convex along the vector alone.
+        across = (self.energy + self.penalty * np.maximum(excess, 0.0) / length) / n
+        along = (self.energy + self.penalty * (excess != 0.0)) / n
         if self.has_propellant:
             rate, root = self._rate(form) * z[form.times[0]], np.sqrt(a[:n] ** 2 + self.rounding**2)
             slope[:n] += rate * a[:n] / root
@@ -55,6 +57,11 @@ class Cost:
         return (
             self._rate(form) * float(self._burnt(a[: form.n_segments]).sum()) if self.has_propellant else 0.0
         )
+
+    def _excess(self, form: ThrustVectors, a: Array) -> Array:
+        """Return how far throttles exceed the limit, negative where they fall short of the lower bound."""
+        least = min(form.least / self.limit, 0.5 * (form.least + form.most))
+        return np.asarray(np.maximum(a - self.limit * form.most, 0.0) - np.maximum(least - a, 0.0))
 
     def _burnt(self, a: Array) -> Array:
         return np.asarray(np.sqrt(a * a + self.rounding**2) - self.rounding)

@@ -53,7 +53,10 @@ def close_finely(transcription: Transcription, x: Array) -> Array:
             break
         free = (x > lower) & (x < upper)
         step = np.zeros(len(x))
-        step[free] = np.linalg.lstsq(scaled[:, free], -defects, rcond=1e-12)[0]
+        try:
+            step[free] = np.linalg.lstsq(scaled[:, free], -defects, rcond=1e-12)[0]
+        except np.linalg.LinAlgError:
+            break
         trial = np.clip(x + step * (upper - lower), lower, upper)
         trial_defects = fine.defects(trial)
         if not violation(trial_defects.reshape(-1, 7)) < violation(defects.reshape(-1, 7)):
@@ -62,12 +65,15 @@ def close_finely(transcription: Transcription, x: Array) -> Array:
     return x
 
 
-def is_feasible(transcription: Transcription, x: Array) -> bool:
-    """Return whether a decision vector is closed to strict tolerance and leads through no body."""
-    return _judged(transcription, x)[1] <= 1.0 and transcription.is_clear(x)
+def is_feasible(transcription: Transcription, x: Array, first: int = 0) -> bool:
+    """Return whether a decision vector is closed to strict tolerance and leads through no body.
+
+    Trajectories before the first asked for are not judged by their defects: 0 is the reference.
+    """
+    return _judged(transcription, x, first)[1] <= 1.0 and transcription.is_clear(x)
 
 
-def _judged(transcription: Transcription, x: Array) -> tuple[Array, float]:
+def _judged(transcription: Transcription, x: Array, first: int = 0) -> tuple[Array, float]:
     """Return the defects [km, km/s, kg] and their violation, or the doubt about them if that is greater.
 
     The doubt is what ten times the integrator's tolerance changes, ten times: on the most sensitive paths
@@ -77,7 +83,7 @@ def _judged(transcription: Transcription, x: Array) -> tuple[Array, float]:
         transcription.at_tolerance(tolerance).defects(x).reshape(-1, 7)
         for tolerance in (FINE_TOLERANCE, _DOUBT * FINE_TOLERANCE)
     )
-    return fine, max(violation(fine), _DOUBT * violation(fine - coarse))
+    return fine, max(violation(fine[first:]), _DOUBT * violation((fine - coarse)[first:]))
 
 
 def _weighed(status: ExitStatus, is_closed: bool) -> ExitStatus:

@@ -30,39 +30,40 @@ def optimize(robust: Robust, is_near: bool) -> ExitStatus:
     Returns
     -------
     ExitStatus
-        OPTIMAL, ACCEPTABLE short of that, IMPACT, or which limit came.
+        OPTIMAL, ACCEPTABLE short of that, STALLED if nothing was gained, IMPACT, or which limit came.
     """
     limits, acting = robust.limits, robust.acting
     part = robust.together(acting, max(OPTIMUM_LEGS, robust.transcription.n_legs))
     form = ThrustVectors(part)
+    is_settled = is_near
     for _ in range(1 if is_near else ROUNDS):
         before = robust.final_mass
         if not is_near:
             state = State(form, form.start(robust.guess(acting)), 1.0)
             save_propellant(state, limits)
             if is_solved(state):
-                robust.improve(part, form.decision(state.z), state.z)
+                is_settled |= robust.improve(part, form.decision(state.z), state.z)
             if not part.is_clear(robust.vector(acting)):
                 return ExitStatus.IMPACT
         polished = polish(part, robust.guess(acting), limits)
         if polished.is_optimal:
-            # Not taken: the optimum lies inside a body, or is too sensitive to be flown.
-            is_taken = robust.improve(part, polished.x, polished.z)
-            return ExitStatus.OPTIMAL if is_taken else ExitStatus.ACCEPTABLE
+            if robust.improve(part, polished.x, polished.z):
+                return ExitStatus.OPTIMAL
+            # The optimum lies inside a body, or is too sensitive to be flown.
+            break
         if limits.is_over:
             return failure(limits)
-        _close_again(robust, form, polished)
+        is_settled |= _close_again(robust, form, polished)
         if robust.final_mass < before + LEAST_GAIN:
             break
-    return ExitStatus.ACCEPTABLE
+    return ExitStatus.ACCEPTABLE if is_settled else ExitStatus.STALLED
 
 
-def _close_again(robust: Robust, form: ThrustVectors, polished: Polished) -> None:
-    """Take where IPOPT stopped short of the optimum, if that can be closed and is better."""
+def _close_again(robust: Robust, form: ThrustVectors, polished: Polished) -> bool:
+    """Take where IPOPT stopped short of the optimum, if that can be closed and is better; return whether."""
     nodes = tuple(form.transcription.nodes_of(polished.z, i) for i in range(1 + len(robust.acting)))
     state = close(form, form.start(Guess(polished.x, nodes)), robust.limits, JOINT_ITERATIONS)
-    if is_solved(state):
-        robust.improve(form.transcription, form.decision(state.z), state.z)
+    return is_solved(state) and robust.improve(form.transcription, form.decision(state.z), state.z)
 
 
 def failure(limits: Limits) -> ExitStatus:

@@ -41,10 +41,11 @@ class SolveSettings:
 
     def __post_init__(self) -> None:
         """Refuse limits under which nothing can be solved."""
-        is_number = isinstance(self.cpu_seconds, int | float)
+        is_number = isinstance(self.cpu_seconds, int | float) and not isinstance(self.cpu_seconds, bool)
         if not (is_number and np.isfinite(self.cpu_seconds) and self.cpu_seconds > 0):
             raise ValueError(f"cpu_seconds: expected a positive number, got {self.cpu_seconds!r}")
-        if not isinstance(self.max_iterations, int) or self.max_iterations < 1:
+        is_count = isinstance(self.max_iterations, int) and not isinstance(self.max_iterations, bool)
+        if not is_count or self.max_iterations < 1:
             raise ValueError(
                 f"max_iterations: expected an integer of at least 1, got {self.max_iterations!r}"
             )

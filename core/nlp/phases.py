@@ -27,6 +27,8 @@ ATTEMPTS = 4
 _REFINE_ITERATIONS = 60
 _START_DAMPING, _NEAR = 1e4, 3e-3
 _SOFT, _RIGID, _NEARER = 1e6, 1e9, 1e-3
+# What rounding may add to the length of a throttle vector [-]: decisions are cut to the bounds.
+_ROUNDING = 1e-12
 # Steps for a last metre that may be out of reach.
 _MORE_STEPS, _TIGHTEN_ITERATIONS = 4, 8
 # The propellant has settled when this many steps together gain less than this [100 kg].
@@ -97,8 +99,10 @@ def save_propellant(state: State, limits: Limits) -> None:
 
 
 def is_solved(state: State) -> bool:
-    """Return whether the defects are closed and no throttle exceeds 1."""
-    return state.error < CLOSED and bool(state.form.throttles(state.z).max() <= 1.0)
+    """Return whether the defects are closed and all throttles that may move are within their bounds."""
+    throttles = state.form.throttles(state.z)[state.form.free_controls]
+    least, most = state.form.least - _ROUNDING, state.form.most + _ROUNDING
+    return state.error < CLOSED and bool(np.all((throttles >= least) & (throttles <= most)))
 
 
 def _respect(state: State, cost: Cost, limits: Limits, last: int) -> None:

@@ -74,14 +74,17 @@ class Robust:
         """Try to close a realization against the reference as it stands."""
         part = self.together([member])
         form = ThrustVectors(part, is_reference_fixed=True)
+        fine = ThrustVectors(part.at_tolerance(FINE_TOLERANCE), is_reference_fixed=True)
         self.closed.discard(member)
         for z in starts(form, form.start(self.guess([member]))):
             state = reach(form, z, self.limits)
-            x = form.decision(state.z)
-            if is_solved(state) and part.is_clear(x):
-                self.take([member], part, x, state.z)
-                self.closed.add(member)
-                return True
+            if is_solved(state):
+                state = tighten(fine, state.z, self.limits)
+                x = np.concatenate([self.reference, fine.decision(state.z)[len(self.reference) :]])
+                if is_feasible(part, x, first=1):
+                    self.take([member], part, x, state.z)
+                    self.closed.add(member)
+                    return True
             if self.limits.is_over:
                 break
         return False

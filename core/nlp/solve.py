@@ -11,6 +11,7 @@ from core.nlp.outcome import ExitStatus, Outcome, SolveSettings
 from core.nlp.phases import is_solved, reach, starts
 from core.nlp.robust import Deepen, Robust
 from core.nlp.thrust_vectors import ThrustVectors
+from core.tolerances import violation
 from core.transcription import Guess, Transcription, checked_vector
 
 Array = NDArray[np.float64]
@@ -107,9 +108,10 @@ def _start(robust: Robust) -> ExitStatus:
 def _from_starts(robust: Robust, form: ThrustVectors, z: Array) -> ExitStatus:
     """Close and optimize the reference from one start after the other until one leads to an optimum."""
     alone, limits, found = form.transcription, robust.limits, []
-    status = ExitStatus.LOCALLY_INFEASIBLE
+    status, tried = ExitStatus.LOCALLY_INFEASIBLE, [robust.reference]
     for start in starts(form, z):
         state = reach(form, start, limits)
+        tried.append(form.decision(state.z))
         if is_solved(state):
             robust.take([], alone, form.decision(state.z), state.z)
             status = optimize(robust, is_near=False)
@@ -118,6 +120,9 @@ def _from_starts(robust: Robust, form: ThrustVectors, z: Array) -> ExitStatus:
         if limits.is_over or (found and status is ExitStatus.OPTIMAL):
             break
     if not found:
+        # The least infeasible, for those who hop from it.
+        robust.reference = min(tried, key=lambda x: violation(alone.defects(x).reshape(-1, 7)))
+        robust.path = None
         return ExitStatus.IMPACT if status is ExitStatus.IMPACT else failure(limits)
     _, status, robust.reference, robust.path = max(found, key=lambda entry: entry[0])
     robust.is_started = True

@@ -60,6 +60,8 @@ class ThrustVectors:
         self.free_times: Indices = self.times[free[self.times]]
         lower, upper = (side / transcription.scale for side in transcription.bounds)
         self.earliest, self.latest = lower[self.free_times] + _MARGIN, upper[self.free_times] - _MARGIN
+        #: Bounds of the throttles [-].
+        self.least, self.most = transcription.problem.bounds.throttle
         setting = transcription.setting
         #: Mass flow at full throttle [MU/TU].
         self.flow = setting.model.max_thrust / setting.model.exhaust_velocity

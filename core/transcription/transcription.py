@@ -278,7 +278,7 @@ def transcribe(
     return Transcription(problem, n_legs, tolerance, profiles)
 
 
-@lru_cache(maxsize=1)
+@lru_cache(maxsize=8)
 def _compile(reference: Problem) -> None:
     """Evaluate once what a solve evaluates: the first time compiles, and is no affair of the solve."""
     transcription = Transcription(reference)

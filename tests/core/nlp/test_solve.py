@@ -183,3 +183,23 @@ def test_a_guess_that_is_no_number_is_refused(flown):
     x[7] = np.nan
     with pytest.raises(ValueError, match="finite"):
         solve(flown, x)
+
+
+@pytest.mark.parametrize("throttle", [[0.2, 0.9], [0.0, 0.9]])
+def test_other_bounds_of_the_throttle_hold_too(throttle):
+    asked = problem_from({"preset": "ppe-drm3", "bounds": {"throttle": throttle}})
+    bounded = transcribe(asked)
+    outcome = solve(bounded, sample_guess(bounded, np.random.default_rng(1)))
+    found = verify(asked, outcome.x)
+    assert found.strict and found.is_within_bounds
+    throttles = outcome.x[bounded.layout.reference.controls][::3]
+    # A minimum of propellant burns at the bounds or not at all.
+    assert throttles.min() == throttle[0] and throttles.max() == throttle[1]
+
+
+def test_a_solve_that_fails_returns_what_is_less_open_than_its_guess():
+    short = transcribe(problem_from({"preset": "ppe-drm3", "n_segments": 4}))
+    guess = sample_guess(short, np.random.default_rng(0))
+    outcome = solve(short, guess)
+    assert not outcome.is_feasible
+    assert outcome.violation < 0.5 * violation(short.defects(guess).reshape(-1, 7))
