@@ -14,7 +14,7 @@ from core.transcription import Guess, Structure, Transcription, wrapped
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-#: Largest canonical defect of a point that may be kept as feasible: 4 m, 1e-8 km/s.
+#: Largest canonical defect of an optimum: 4 m, 1e-8 km/s.
 CLOSED = 1e-8
 
 #: Weight of the final mass in the objective: a throttle of a segment then weighs some 4e-3.
