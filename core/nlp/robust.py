@@ -79,7 +79,9 @@ class Robust:
         for z in starts(form, form.start(self.guess([member]))):
             state = reach(form, z, self.limits)
             if is_solved(state):
-                state = tighten(fine, state.z, self.limits)
+                # The reference is flown again: its nodes may stem from the coarser integrator.
+                nodes = (None, part.nodes_of(state.z, 1))
+                state = tighten(fine, fine.start(Guess(form.decision(state.z), nodes)), self.limits)
                 x = np.concatenate([self.reference, fine.decision(state.z)[len(self.reference) :]])
                 if is_feasible(part, x, first=1):
                     self.take([member], part, x, state.z)
