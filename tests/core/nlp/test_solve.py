@@ -164,7 +164,7 @@ def test_states_that_are_missing_are_propagated(flown):
 
 @pytest.mark.parametrize("guess", [optimum, lambda: near(transcribe(PRESET), 1)])
 def test_a_path_through_a_body_is_refused_by_name(monkeypatch, flown, guess):
-    # At two radii the departure itself lies below the surface of the Earth.
+    # The path passes within two radii of a body, though not through one.
     monkeypatch.setattr("core.transcription.transcription.CLEARANCE", 2.0)
     outcome = solve(flown, guess(), SolveSettings(max_iterations=150))
     assert outcome.status is ExitStatus.IMPACT and not outcome.is_feasible
