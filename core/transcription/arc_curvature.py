@@ -106,8 +106,8 @@ def differentiate(
     control = z[index : index + 3] if index >= 0 else plan.arc_fixed[arc]
     is_vector = index >= 0 and plan.has_thrust_vectors
     most, rate = model.max_thrust, model.max_thrust / model.exhaust_velocity
-    push_of(is_vector, plan.rounding, control, most, rate, desk.thrust, desk.d_thrust, desk.d_rate)
-    push_bend_of(is_vector, plan.rounding, control, most, rate, desk.dd_thrust, desk.dd_rate)
+    push_of(is_vector, control, most, rate, desk.thrust, desk.d_thrust, desk.d_rate)
+    push_bend_of(is_vector, control, most, rate, desk.dd_thrust, desk.dd_rate)
     _first(transition, by_control, rates, desk.first)
     _by_end(model, times[1], sides[1], costate, desk)
     mass_costate = costate[6]

@@ -73,7 +73,6 @@ def bend_of(control: Array, max_thrust: float, dd_thrust: Array) -> None:
 @compiled
 def push_of(
     is_vector: bool,
-    rounding: float,
     control: Array,
     max_thrust: float,
     max_rate: float,
@@ -87,8 +86,6 @@ def push_of(
     ----------
     is_vector : bool
         Whether the control is a throttle vector [-], and not a throttle and two angles [-, rad, rad].
-    rounding : float
-        What rounds the length of a throttle vector off [-].
     control : (3,) array
         The control.
     max_thrust, max_rate : float
@@ -107,7 +104,7 @@ def push_of(
         thrust_of(control, max_thrust, thrust, d_thrust)
         d_rate[0], d_rate[1], d_rate[2] = max_rate, 0.0, 0.0
         return float(max_rate * control[0])
-    throttle = _length(control, rounding)
+    throttle = _length(control)
     d_thrust[:] = 0.0
     for i in range(3):
         thrust[i] = max_thrust * control[i]
@@ -120,7 +117,6 @@ def push_of(
 @compiled
 def push_bend_of(
     is_vector: bool,
-    rounding: float,
     control: Array,
     max_thrust: float,
     max_rate: float,
@@ -131,7 +127,7 @@ def push_bend_of(
 
     Parameters
     ----------
-    is_vector, rounding, control, max_thrust, max_rate
+    is_vector, control, max_thrust, max_rate
         As for `push_of`.
     dd_thrust : (3, 3, 3) array
         d2 thrust / d control2, the controls first.
@@ -143,7 +139,7 @@ def push_bend_of(
         bend_of(control, max_thrust, dd_thrust)
         return
     dd_thrust[:] = 0.0
-    throttle = _length(control, rounding)
+    throttle = _length(control)
     if throttle > 0.0:
         for i in range(3):
             for j in range(3):
@@ -152,9 +148,9 @@ def push_bend_of(
 
 
 @compiled
-def _length(vector: Array, rounding: float) -> float:
+def _length(vector: Array) -> float:
     square = vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]
-    return float(np.sqrt(square + rounding * rounding))
+    return float(np.sqrt(square))
 
 
 def control_of(throttle_vector: Array) -> Array:

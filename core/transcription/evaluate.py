@@ -160,7 +160,7 @@ def _fly_arc(
     index = plan.arc_control[arc]
     control = z[index : index + 3] if index >= 0 else plan.arc_fixed[arc]
     mass_rate = push_of(
-        index >= 0 and plan.has_thrust_vectors, plan.rounding, control, model.max_thrust,
+        index >= 0 and plan.has_thrust_vectors, control, model.max_thrust,
         model.max_thrust / model.exhaust_velocity, thrust, d_thrust, d_rate,
     )  # fmt: skip
     width = r.shape[1]

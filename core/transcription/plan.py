@@ -32,10 +32,8 @@ DEPARTURE, TARGET, NODE, PARENT = range(4)
 class Plan(NamedTuple):
     """Arcs, legs and defect blocks, in the order in which they are evaluated."""
 
-    #: Whether the controls in z are throttle vectors, not throttles and angles, and what rounds off their
-    #: lengths, docs/method.md eq. S6.
+    #: Whether the controls in z are throttle vectors, not throttles and angles, docs/method.md eq. S6.
     has_thrust_vectors: bool
-    rounding: float
     #: (n_arcs,) index of the arc's throttle in z, -1 where the control is fixed.
     arc_control: Indices
     #: (n_arcs, 3) control where it is fixed: zero on coasts.
@@ -134,9 +132,8 @@ class _Builder:
         n_legs: int,
         profiles: tuple[OutageProfile, ...],
         has_thrust_vectors: bool,
-        rounding: float,
     ) -> None:
-        self.has_thrust_vectors, self.rounding = has_thrust_vectors, rounding
+        self.has_thrust_vectors = has_thrust_vectors
         self.problem, self.layout, self.n_legs, self.profiles = problem, layout, n_legs, profiles
         self.arcs: list[tuple[int, tuple[float, ...], _Moment, _Moment]] = []
         self.legs: list[_Leg] = []
@@ -339,7 +336,6 @@ class _Builder:
         widths = [N_TIMES + len(leg.variables) for leg in self.legs]
         return Plan(
             has_thrust_vectors=self.has_thrust_vectors,
-            rounding=self.rounding,
             arc_control=np.array([arc[0] for arc in self.arcs]),
             arc_fixed=np.array([arc[1] for arc in self.arcs]),
             arc_constant=np.array([[arc[2].constant, arc[3].constant] for arc in self.arcs]),
@@ -366,7 +362,6 @@ def build_plan(
     n_legs: int = 1,
     profiles: tuple[OutageProfile, ...] = (),
     has_thrust_vectors: bool = False,
-    rounding: float = 0.0,
 ) -> Structure:
     """Return the plan of a problem.
 
@@ -383,7 +378,5 @@ def build_plan(
         profile holds until the initial coast after the outage ends [TU].
     has_thrust_vectors : bool
         Whether z holds throttle vectors where x has throttles and angles.
-    rounding : float
-        Of the lengths of throttle vectors [-]; 0 leaves their kink at zero.
     """
-    return _Builder(problem, layout, n_legs, profiles, has_thrust_vectors, rounding).build()
+    return _Builder(problem, layout, n_legs, profiles, has_thrust_vectors).build()

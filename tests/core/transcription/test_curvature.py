@@ -71,25 +71,24 @@ def test_every_column_is_a_difference_of_the_jacobian(outages, n_segments, segme
     assert_hessian(flown, flown.lifted, flown.lift(random_point(flown, rng_seed)))
 
 
-def vectors(flown, x, rounding):
+def vectors(flown, x):
     """Return the plan and the point of a lifted vector whose controls are throttle vectors."""
     z = flown.lift(x)
     for trajectory in flown.layout.trajectories:
         controls = throttle_of(z[trajectory.controls].reshape(-1, 3))
         z[trajectory.controls] = controls.ravel()
-    return build_plan(flown.problem, flown.layout, flown.n_legs, (), True, rounding), z
+    return build_plan(flown.problem, flown.layout, flown.n_legs, (), True), z
 
 
-@pytest.mark.parametrize("rounding", [0.0, 0.1])
-def test_every_column_is_right_for_throttle_vectors(rounding):
+def test_every_column_is_right_for_throttle_vectors():
     flown = smooth((((3, 1.0),)), 8, n_legs=3)
-    assert_hessian(flown, *vectors(flown, random_point(flown, 1), rounding))
+    assert_hessian(flown, *vectors(flown, random_point(flown, 1)))
 
 
-def test_throttle_vectors_without_rounding_fly_as_their_controls():
+def test_throttle_vectors_fly_as_their_controls():
     flown = smooth((((3, 1.0),)), 8, n_legs=3)
     x = random_point(flown, 1)
-    structure, z = vectors(flown, x, 0.0)
+    structure, z = vectors(flown, x)
     defects, _ = flown.evaluate(structure, z, with_partials=False)
     expected, _ = flown.evaluate(flown.lifted, flown.lift(x), with_partials=False)
     np.testing.assert_allclose(defects, expected, rtol=0.0, atol=1e-10)  # rounding, magnified a thousandfold
@@ -135,14 +134,14 @@ def test_where_it_cannot_be_flown_all_are_nan():
     assert np.isnan(flown.hessian(flown.lifted, z, multipliers(flown.lifted))).all()
 
 
-@pytest.mark.parametrize(("is_vector", "rounding"), [(False, 0.0), (True, 0.0), (True, 0.3)])
-def test_thrust_and_flow_bend_as_their_slopes_differ(is_vector, rounding):
+@pytest.mark.parametrize("is_vector", [False, True])
+def test_thrust_and_flow_bend_as_their_slopes_differ(is_vector):
     control, bend = np.array([0.6, -0.4, 0.9]), (np.empty((3, 3, 3)), np.empty((3, 3)))
-    push_bend_of(is_vector, rounding, control, 1.3, 0.7, *bend)
+    push_bend_of(is_vector, control, 1.3, 0.7, *bend)
 
     def slopes(control):
         slope = np.empty(3), np.empty((3, 3)), np.empty(3)
-        push_of(is_vector, rounding, control, 1.3, 0.7, *slope)
+        push_of(is_vector, control, 1.3, 0.7, *slope)
         return np.concatenate([slope[1], slope[2][:, None]], axis=1)
 
     found = np.concatenate([bend[0], bend[1][:, :, None]], axis=2).transpose(0, 2, 1)
