@@ -6,7 +6,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from service import report
+from service import terminal
 
 
 def percent(part: Mapping[str, Any]) -> str:
@@ -23,7 +23,7 @@ def number(value: float | None, digits: int = 1) -> str:
 
 def shares(summary: Mapping[str, Any]) -> Table:
     """Return how many guesses became what, and what each of those cost."""
-    rows = report.table("guesses that became", "of", "%, 95 % interval", "CPU s each")
+    rows = terminal.table("guesses that became", "of", "%, 95 % interval", "CPU s each")
     costs = summary["costs"]
     for name, key, cost in (
         ("solutions at the paper's tolerance", "paper", None),
@@ -39,7 +39,7 @@ def shares(summary: Mapping[str, Any]) -> Table:
 
 def distributions(summary: Mapping[str, Any]) -> Table:
     """Return the spread of times, iterations and propellant of successes and of failures."""
-    rows = report.table("", "", "min", "quarter", "median", "3 quarters", "max")
+    rows = terminal.table("", "", "min", "quarter", "median", "3 quarters", "max")
     for group in ("successes", "failures"):
         for name, key, digits in (
             ("CPU s", "cpu_seconds", 2),
@@ -61,7 +61,7 @@ def failures(failed_by: Mapping[str, int]) -> str:
 def chains(listed: list[dict[str, Any]], key: str) -> Table:
     """Return mapped seeds, one row per case or group and mapping."""
     titles = (key, "mapping", "seeds", "strict, %", "optimal, %", "CPU s each", "median s", "of strict")
-    rows = report.table(*titles, "change in kg", "failures")
+    rows = terminal.table(*titles, "change in kg", "failures")
     for row in listed:
         change = row["change_kg"]
         spread = (

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from service import report
+from service import terminal
 from service.api.schemas import CampaignView, JobView
 from service.cli_bench import bench
 from service.cli_run import announce, run_to_end, serve_until_interrupted
@@ -94,7 +94,7 @@ def run(
 
 
 def _conclude(view: CampaignView, dead: list[JobView], is_finished: bool) -> None:
-    console.print(report.summary(view))
+    console.print(terminal.summary(view))
     if dead:
         n_dead = sum(search.jobs.dead for search in view.searches)
         _complain(f"{n_dead} jobs failed, the first with: {dead[0].error}")
@@ -150,10 +150,10 @@ def status(data: Data = DATA, campaign: CampaignId = None, as_json: Json = False
     with Store(data, read_only=True) as store:
         if campaign is None:
             items = store.campaigns()
-            _show(items, report.campaign_list(items), as_json)
+            _show(items, terminal.campaign_list(items), as_json)
         else:
             view = store.campaign(campaign)
-            _show(view, report.summary(view), as_json)
+            _show(view, terminal.summary(view), as_json)
 
 
 @solutions.command("list")
@@ -170,7 +170,7 @@ def list_solutions(
     """List verified solutions, the least propellant first."""
     with Store(data, read_only=True) as store:
         records = store.all_records(Filter(campaign, search, strict), limit)
-    _show(records, report.solution_list(records), as_json)
+    _show(records, terminal.solution_list(records), as_json)
 
 
 @solutions.command("show")
@@ -185,7 +185,7 @@ def show_solution(
     if as_json:
         _print_json(record)
     else:
-        report.print_record(console, record)
+        terminal.print_record(console, record)
 
 
 @app.command()
@@ -196,7 +196,7 @@ def doctor(
 ) -> None:
     """Check this installation, and say what to do where something is missing."""
     checks = check_all(data, port)
-    rows = report.table("check", "state", "found", "what to do")
+    rows = terminal.table("check", "state", "found", "what to do")
     for check in checks:
         rows.add_row(check.name, check.state, check.found, check.advice)
     _show(checks, rows, as_json)

@@ -8,7 +8,7 @@ import typer
 from rich.console import Console
 from threadpoolctl import threadpool_limits
 
-from service import report
+from service import terminal
 from service.bench_machine import machine
 from service.cli_bench_chain import chain
 from service.cli_bench_solve import solve
@@ -60,7 +60,7 @@ def _show(rows: list[Any], settings: dict[str, int]) -> None:
         "P_k/P_0",
         "SciPy/ours",
     )
-    listed = report.table(*columns, title="CPU ms, medians over points of the least of the repetitions")
+    listed = terminal.table(*columns, title="CPU ms, medians over points of the least of the repetitions")
     for row in rows:
         parts = (row.ephemeris_ms, row.propagation_ms, row.assembly_ms)
         times = (row.defects_ms, row.jacobian_ms, row.hessian_ms, *parts)

@@ -5,7 +5,7 @@ import time
 from rich.console import Console
 from rich.live import Live
 
-from service import report
+from service import terminal
 from service.coordinator import Coordinator
 from workers.process_pool import ProcessPool
 
@@ -34,16 +34,16 @@ def run_to_end(console: Console, coordinator: Coordinator, campaign_id: int, n_w
 def _follow(console: Console, coordinator: Coordinator, campaign_id: int) -> None:
     view = coordinator.store.campaign(campaign_id)
     next_line = time.monotonic() + LOG_PERIOD_S
-    with Live(report.progress(view), console=console, transient=True, auto_refresh=False) as live:
+    with Live(terminal.progress(view), console=console, transient=True, auto_refresh=False) as live:
         while view.state == "active":
             time.sleep(TERMINAL_PERIOD_S)
             coordinator.raise_fault()
             view = coordinator.store.campaign(campaign_id)
             if console.is_terminal:
-                live.update(report.progress(view), refresh=True)
+                live.update(terminal.progress(view), refresh=True)
             elif time.monotonic() > next_line:
                 next_line += LOG_PERIOD_S
-                console.print(report.progress_line(view), highlight=False)
+                console.print(terminal.progress_line(view), highlight=False)
 
 
 def serve_until_interrupted(coordinator: Coordinator, n_workers: int) -> None:
