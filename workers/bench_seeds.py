@@ -1,28 +1,27 @@
-"""Files of solutions that one benchmark saves and another takes as seeds, and which of them are distinct.
-
-Two solutions of P_0 differ by
-
-    d^2 = (dT_s/W_s)^2 + (dT_i/W_i)^2 + mean over segments of |du|^2
-
-with W the widths of the bounds and u the throttle vectors, so that angles of unlit segments weigh nothing.
-T_f is left out: on a ballistic target it only says where the trip is declared over.
-"""
+"""Files of solutions that one benchmark saves and another takes as seeds, and which of them are distinct."""
 
 import json
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from core.analysis.distinct import DISTINCT, clusters, distance, feature_rows
 from core.problem import Problem, problem_from
-from core.transcription import checked_vector, layout_of, throttle_of
+from core.transcription import checked_vector, layout_of
 
-#: Least distance of distinct solutions: one segment of fifty throttled by a third more, T_s by 4.5 days [-].
-DISTINCT = 0.05
+__all__ = [
+    "DISTINCT",
+    "Solution",
+    "distance",
+    "distinct",
+    "read_solutions",
+    "write_json",
+    "write_solutions",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,29 +80,10 @@ def _solution(problem: Problem, entry: dict[str, Any]) -> Solution:
     return Solution(int(entry["number"]), case, x, float(entry["propellant_kg"]), bool(entry["is_optimal"]))
 
 
-def distance(problem: Problem, one: Sequence[float], other: Sequence[float]) -> float:
-    """Return the scaled distance [-] between the references of two solutions of a problem."""
-    shown = _features(problem, np.asarray(one)) - _features(problem, np.asarray(other))
-    return float(np.linalg.norm(shown))
-
-
 def distinct(solutions: Iterable[Solution]) -> list[Solution]:
-    """Return the solutions that differ by more than `DISTINCT` from every one kept before them."""
-    kept: list[Solution] = []
-    for solution in solutions:
-        if all(distance(solution.problem, solution.x, other.x) > DISTINCT for other in kept):
-            kept.append(solution)
-    return kept
-
-
-def _features(problem: Problem, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    layout, bounds = layout_of(problem).reference, problem.bounds
-    times = [
-        x[index] / (high - low)
-        for index, (low, high) in (
-            (layout.shooting_time, bounds.shooting_days),
-            (layout.initial_coast, bounds.initial_coast_days),
-        )
-    ]
-    throttles = throttle_of(x[layout.controls].reshape(-1, 3)).ravel() / np.sqrt(layout.n_segments)
-    return np.concatenate([times, throttles])
+    """Return the solutions of one family that are farther than `DISTINCT` from every one kept before them."""
+    listed = list(solutions)
+    if not listed:
+        return []
+    found = clusters(feature_rows(listed[0].problem, [np.asarray(one.x) for one in listed]), DISTINCT)
+    return [listed[i] for i in np.unique(found, return_index=True)[1]]
