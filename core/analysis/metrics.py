@@ -1,11 +1,17 @@
 """What a search and its solutions are worth, in numbers.
 
 Feasibility ratios always come with their interval and their number of guesses: a ratio of 3 in 2,400 and
-one of 3 in 30 are different statements.  Masses in kg, delta-v in km/s.
+one of 3 in 30 are different statements.  Masses in kg, delta-v in km/s.  What cannot be told, because there
+is nothing to tell it from, is not a number.
 """
 
-from math import inf, log, sqrt
+from collections.abc import Callable, Sequence
+from math import exp, inf, isnan, log, nan, prod, sqrt
 from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import stdtrit
 
 from core.constants import G0
 from core.problem import Problem, Spacecraft
@@ -21,6 +27,46 @@ class Ratio(NamedTuple):
     value: float
     low: float
     high: float
+
+
+class Estimate(NamedTuple):
+    """A number with its 95 % interval."""
+
+    #: In the unit of its field, like both ends.
+    value: float
+    low: float
+    high: float
+
+
+class Spread(NamedTuple):
+    """How numbers are spread, in their own unit; all but n are not a number where n is too small."""
+
+    #: How many numbers.
+    n: int
+    mean: float
+    #: 95 % interval of the mean, by Student's t.
+    mean_low: float
+    mean_high: float
+    least: float
+    lower_quartile: float
+    median: float
+    upper_quartile: float
+    greatest: float
+
+
+class BestOf(NamedTuple):
+    """The least propellant among n guesses, as a sample of solves foretells it."""
+
+    n: int
+    #: Solves and solutions of the sample.
+    n_solves: int
+    n_solutions: int
+    #: Probability that any of the n guesses becomes a solution [-].
+    chance: float
+    #: Of the least propellant, given that there is a solution [kg]: its mean, and in 90 % of cases its range.
+    expected_kg: float
+    low_kg: float
+    high_kg: float
 
 
 def feasibility_ratio(n_feasible: int, n_guesses: int) -> Ratio:
@@ -120,3 +166,118 @@ def total_delta_v_km_s(problem: Problem, final_mass_kg: float) -> float:
         Mass at arrival [kg].
     """
     return delta_v_km_s(problem.spacecraft, problem.spacecraft.wet_mass_kg, final_mass_kg)
+
+
+def spread(values: ArrayLike) -> Spread:
+    """Return mean with its interval, quartiles and extremes of some numbers, eq. (M4).
+
+    Student's t takes the numbers as independent; solutions of one seed are not quite.
+
+    Parameters
+    ----------
+    values : (n,) array
+        Finite numbers, in any unit [-].
+
+    References
+    ----------
+    docs/method.md, "Metrics".
+    """
+    numbers = np.asarray(values, dtype=np.float64)
+    n = len(numbers)
+    if n == 0:
+        return Spread(0, nan, nan, nan, nan, nan, nan, nan, nan)
+    mean = float(np.mean(numbers))
+    half_width = float(stdtrit(n - 1, 0.975) * np.std(numbers, ddof=1) / sqrt(n)) if n > 1 else nan
+    least, lower, median, upper, greatest = (float(q) for q in np.quantile(numbers, [0, 0.25, 0.5, 0.75, 1]))
+    return Spread(n, mean, mean - half_width, mean + half_width, least, lower, median, upper, greatest)
+
+
+def propagated(quantity: Callable[[Sequence[float]], float], ratios: Sequence[Ratio]) -> Estimate:
+    """Return a quantity made of independent ratios, with the interval that theirs give it, eq. (M7).
+
+    The distances of the limits of each ratio add up in squares, in the logarithm of the quantity.  While
+    some ratio is zero or unknown, only the end that follows from all limits at once is known.
+
+    Parameters
+    ----------
+    quantity : callable
+        Positive for positive ratios, and monotonic in each of them.
+    ratios : sequence of Ratio
+        With their Wilson intervals [-].
+
+    References
+    ----------
+    Zou and Donner, Statistics in Medicine 27 (2008), 1693-1702; docs/method.md, "Metrics".
+    """
+    values = [ratio.value for ratio in ratios]
+    if not all(value > 0.0 for value in values):
+        return Estimate(nan, quantity([ratio.high for ratio in ratios]), inf)
+    value, below, above = quantity(values), 0.0, 0.0
+    for i, ratio in enumerate(ratios):
+        ends = [quantity([*values[:i], end, *values[i + 1 :]]) for end in (ratio.low, ratio.high)]
+        below += log(value / min(ends)) ** 2
+        above += log(max(ends) / value) ** 2
+    return Estimate(value, value * exp(-sqrt(below)), value * exp(sqrt(above)))
+
+
+def product_ratio(ratios: Sequence[Ratio]) -> Ratio:
+    """Return the product of independent ratios with its interval, eqs. (M5) and (M7).
+
+    Parameters
+    ----------
+    ratios : sequence of Ratio
+        At least one, with their Wilson intervals [-].
+
+    References
+    ----------
+    docs/method.md, "Metrics".
+    """
+    if any(isnan(ratio.value) or ratio.value == 0.0 for ratio in ratios):
+        return Ratio(prod(ratio.value for ratio in ratios), 0.0, prod(ratio.high for ratio in ratios))
+    value, low, high = propagated(prod, ratios)
+    return Ratio(value, low, min(1.0, high))
+
+
+def best_of(n: int, n_solves: int, propellant_kg: ArrayLike) -> BestOf:
+    """Return what the best of n guesses would be like, judged by a sample of independent guesses, eq. (M12).
+
+    The n are drawn from the sample without replacement, in all ways at once.  From n of a third of the
+    sample on, the answer leans on its few best solutions; more than the whole sample cannot be foretold.
+
+    Parameters
+    ----------
+    n : int
+        Number of guesses [-].
+    n_solves : int
+        Solves of the sample, failures included [-].
+    propellant_kg : (n_solutions,) array
+        Propellant of its solutions [kg].
+
+    Raises
+    ------
+    ValueError
+        When n is below 1 or there are more solutions than solves.
+
+    References
+    ----------
+    docs/method.md, "Metrics".
+    """
+    masses = np.sort(np.asarray(propellant_kg, dtype=np.float64))
+    if n < 1 or n_solves < len(masses):
+        counts = f"{n}, {n_solves} and {len(masses)}"
+        raise ValueError(f"counts: expected guesses >= 1 and solves >= solutions, got {counts}")
+    if n > n_solves:
+        return BestOf(n, n_solves, len(masses), nan, nan, nan, nan)
+    left = n_solves - np.arange(len(masses))
+    # Chance that none of the best i is among the n, i = 0 .. n_solutions.
+    none = np.concatenate([[1.0], np.cumprod(np.maximum(left - n, 0) / left)])
+    chance = 1.0 - float(none[-1])
+    if chance == 0.0:
+        return BestOf(n, n_solves, len(masses), 0.0, nan, nan, nan)
+    weights = -np.diff(none) / chance
+    low, high = np.searchsorted(np.cumsum(weights), [0.05, 0.95])
+    expected = float(weights @ masses)
+    last = len(masses) - 1
+    return BestOf(
+        n, n_solves, len(masses), chance, expected, float(masses[low]), float(masses[min(high, last)])
+    )

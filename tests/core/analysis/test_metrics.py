@@ -1,11 +1,16 @@
 import math
+from itertools import combinations
 
+import numpy as np
 import pytest
 
 from core.analysis.metrics import (
+    best_of,
     delta_v_km_s,
     exhaust_velocity_km_s,
     feasibility_ratio,
+    product_ratio,
+    spread,
     total_delta_v_km_s,
     transfer_delta_v_km_s,
     wilson_interval,
@@ -75,3 +80,72 @@ def test_spiral_and_transfer_add_up_to_the_mission():
     transfer = transfer_delta_v_km_s(PROBLEM, 13276.04, 12962.0)
     assert spiral + transfer == pytest.approx(total_delta_v_km_s(PROBLEM, 12962.0), rel=1e-14)  # rounding
     assert total_delta_v_km_s(PROBLEM, 0.0) == math.inf
+
+
+def test_the_spread_of_one_to_five_is_that_of_the_textbook():
+    found = spread([3.0, 1.0, 5.0, 2.0, 4.0])
+    half_width = 2.776445 * math.sqrt(2.5 / 5)  # Student's t for 4 degrees of freedom, seven digits
+    assert found[1:4] == pytest.approx((3.0, 3.0 - half_width, 3.0 + half_width), rel=1e-6)
+    assert found[4:] == (1.0, 2.0, 3.0, 4.0, 5.0)
+
+
+def test_one_number_has_no_interval_and_none_no_mean():
+    assert math.isnan(spread([7.0]).mean_low) and spread([7.0]).median == 7.0
+    assert spread([]).n == 0 and math.isnan(spread([]).mean)
+
+
+def test_the_product_of_one_ratio_is_that_ratio():
+    ratio = feasibility_ratio(13, 77)
+    assert product_ratio([ratio]) == pytest.approx(ratio, rel=1e-14)  # rounding
+
+
+def test_large_samples_give_a_product_the_log_delta_interval():
+    n = 10**8
+    found = product_ratio([feasibility_ratio(n // 10, n), feasibility_ratio(n // 2, n)])
+    deviation = 1.96 * math.sqrt(0.9 / (0.1 * n) + 0.5 / (0.5 * n))
+    assert found.value == pytest.approx(0.05, rel=1e-14)  # rounding
+    ends = [math.log(found.value / found.low), math.log(found.high / found.value)]
+    assert ends == pytest.approx([deviation, deviation], rel=1e-3)  # the next order is 1/sqrt(n p)
+
+
+def test_the_interval_of_a_product_covers_it_as_often_as_it_says():
+    rng, truth = np.random.default_rng(5), 0.097 * 0.34
+    draws = zip(rng.binomial(2400, 0.097, 2000), rng.binomial(60, 0.34, 2000), strict=True)
+    found = [product_ratio([feasibility_ratio(s, 2400), feasibility_ratio(t, 60)]) for s, t in draws]
+    coverage = np.mean([one.low <= truth <= one.high for one in found])
+    assert coverage == pytest.approx(0.95, abs=0.02)  # four deviations of 2,000 draws
+
+
+def test_a_product_with_no_successes_has_an_upper_end_alone():
+    found = product_ratio([feasibility_ratio(0, 20), feasibility_ratio(5, 10)])
+    assert found[:2] == (0.0, 0.0)
+    assert found.high == pytest.approx(wilson_interval(0, 20)[1] * wilson_interval(5, 10)[1], rel=1e-15)
+    assert math.isnan(product_ratio([feasibility_ratio(0, 0), feasibility_ratio(5, 10)]).value)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 6, 7])
+def test_the_best_of_n_is_that_of_all_ways_to_draw_them(n):
+    masses, inf = [300.0, 170.0, 210.0], math.inf
+    least = [min(drawn) for drawn in combinations([*masses, inf, inf, inf, inf], n)]
+    found = [mass for mass in least if mass < inf]
+    best = best_of(n, 7, masses)
+    assert best.chance == pytest.approx(len(found) / len(least), rel=1e-14)  # rounding
+    assert best.expected_kg == pytest.approx(sum(found) / len(found), rel=1e-14)  # rounding
+
+
+def test_the_expected_least_of_n_ranks_is_known():
+    # Of 1 .. N without replacement: (N + 1)/(n + 1); 90 % of the least of 9 in 999 are between 6 and 283.
+    best = best_of(9, 999, np.arange(1.0, 1000.0))
+    assert (best.chance, best.expected_kg) == (1.0, pytest.approx(100.0, rel=1e-12))  # rounding
+    for end, share in ((best.low_kg, 0.05), (best.high_kg, 0.95)):
+        chances = [1 - math.comb(int(999 - rank), 9) / math.comb(999, 9) for rank in (end - 1, end)]
+        assert chances[0] < share <= chances[1]
+
+
+def test_what_a_sample_cannot_tell_of_the_best_is_no_number():
+    assert math.isnan(best_of(11, 10, [1.0]).expected_kg)
+    assert best_of(3, 10, []).chance == 0.0 and math.isnan(best_of(3, 10, []).expected_kg)
+    with pytest.raises(
+        ValueError, match="counts: expected guesses >= 1 and solves >= solutions, got 0, 10 and 1"
+    ):
+        best_of(0, 10, [1.0])
