@@ -1,0 +1,221 @@
+"""What a strategy costs together with the seeds that it lives on, all along its seed chain.
+
+A conditional ratio says nothing of how its seeds came about.  The paper multiplies ratios and adds hours per
+solution along the chain; but a solution takes as many seeds as solves, so the full cost counts each seed as
+often as it is tried.  Hours are core-hours.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import nan
+from typing import Literal
+
+from core.analysis.facts import SolveFacts
+from core.analysis.metrics import Estimate, Ratio, feasibility_ratio, product_ratio, propagated
+from core.analysis.study import Findings, Level, cost_of, grouped, shared, solutions
+
+#: As spent, as allowed by the cap, or as the paper charges: fields of `core.analysis.study.Cost`.
+Currency = Literal["core_hours", "cap_hours", "charged_hours"]
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """The solves of one strategy in a seed chain."""
+
+    strategy: str
+    n_solves: int
+    n_solutions: int
+    #: Different seeds used; 0 at the start of the chain.
+    n_seeds: int
+    #: All solves together.
+    hours: float
+
+    @property
+    def ratio(self) -> Ratio:
+        """Solutions per solve."""
+        return feasibility_ratio(self.n_solutions, self.n_solves)
+
+    @property
+    def hours_per_solve(self) -> float:
+        """Mean over the solves, failures included."""
+        return self.hours / self.n_solves if self.n_solves else nan
+
+    @property
+    def seeds_per_solve(self) -> float:
+        """1 if each seed is used once, less if it serves several cases or mappings."""
+        return self.n_seeds / self.n_solves if self.n_solves else nan
+
+
+#: Where seeds come from that no solve of the campaign found.
+_UNKNOWN = Link("?", 0, 0, 0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Cumulative:
+    """Ratio and cost of a seed chain as a whole."""
+
+    #: From the last strategy to the first, as in "S(3|2) <- S(2|0) <- S(0)".
+    chain: str
+    search: str | None
+    strategy: str
+    duration_days: float | None
+    mapping: str | None
+    level: Level
+    currency: Currency
+    #: Product of the ratios.
+    ratio: Ratio
+    #: Sum of the hours per solution, as the paper adds them.
+    hours: Estimate
+    #: Hours per solution if each seed is tried once.
+    full_hours: Estimate
+    #: Hours per solution with the seeds that were used, each paid once however often it was tried.
+    shared_hours: Estimate
+
+
+def cumulative_ratio(links: Sequence[Link]) -> Ratio:
+    """Return the product of the ratios of a seed chain with its interval, eq. (M5).
+
+    Parameters
+    ----------
+    links : sequence of Link
+        From the search without seeds on; at least one.
+
+    References
+    ----------
+    docs/method.md, "Metrics".
+    """
+    return product_ratio([link.ratio for link in links])
+
+
+def cumulative_hours(links: Sequence[Link]) -> Estimate:
+    """Return the sum of the hours per solution of a seed chain, as the paper adds them, eq. (M5).
+
+    Parameters
+    ----------
+    links : sequence of Link
+        From the search without seeds on; at least one.
+
+    References
+    ----------
+    docs/method.md, "Metrics".
+    """
+    hours = [link.hours_per_solve for link in links]
+
+    def added(ratios: Sequence[float]) -> float:
+        return sum(each / ratio for each, ratio in zip(hours, ratios, strict=True))
+
+    return propagated(added, [link.ratio for link in links])
+
+
+def full_hours(links: Sequence[Link], is_shared: bool = False) -> Estimate:
+    """Return the hours per solution with those of all seeds that it took, eq. (M6).
+
+    Parameters
+    ----------
+    links : sequence of Link
+        From the search without seeds on; at least one.
+    is_shared : bool
+        Whether a seed that served several solves is paid once; else each solve pays a seed of its own.
+
+    References
+    ----------
+    docs/method.md, "Metrics".
+    """
+    hours = [link.hours_per_solve for link in links]
+    seeds = [link.seeds_per_solve if is_shared else 1.0 for link in links]
+
+    def full(ratios: Sequence[float]) -> float:
+        cost = 0.0
+        for each, n_seeds, ratio in zip(hours, seeds, ratios, strict=True):
+            cost = (n_seeds * cost + each) / ratio
+        return cost
+
+    return propagated(full, [link.ratio for link in links])
+
+
+def seed_chains(
+    findings: Findings,
+    level: Level = "strict",
+    currency: Currency = "core_hours",
+    by: Sequence[str] = ("search", "duration_days"),
+) -> tuple[Cumulative, ...]:
+    """Return what each search costs with its seeds, for each of its groups.
+
+    The seeds of a group are those found by the search that it names, at the durations at which its seeds were
+    found; seeds from elsewhere have an unknown cost.
+
+    Parameters
+    ----------
+    findings : Findings
+        Of a campaign.
+    level : "paper" or "strict"
+        Tolerance at which solutions are counted, all along the chain.
+    currency : "core_hours", "cap_hours" or "charged_hours"
+        What is counted.
+    by : sequence of str
+        Attributes of `SolveFacts` that make the groups, "search" among them.
+
+    Raises
+    ------
+    ValueError
+        When the groups would mix searches.
+
+    References
+    ----------
+    docs/method.md, "Metrics".
+    """
+    if "search" not in by:
+        raise ValueError(f"groups: expected search among the attributes, got {', '.join(by)}")
+    chains = _Chains(findings, level, currency)
+    groups = grouped(findings.facts.solves, by).values()
+    return tuple(_cumulative(chains.links(group), group, level, currency) for group in groups)
+
+
+class _Chains:
+    """Follows the solves of a campaign back to those that found their seeds."""
+
+    def __init__(self, findings: Findings, level: Level, currency: Currency) -> None:
+        self.findings, self.level, self.currency = findings, level, currency
+        self.groups = grouped(findings.facts.solves, ("search", "duration_days"))
+        self.known: dict[tuple[str, frozenset[float | None]], list[Link]] = {}
+
+    def links(self, solves: Sequence[SolveFacts]) -> list[Link]:
+        """Return the seed chain of some solves of one search, the search without seeds first."""
+        if not solves:
+            return [_UNKNOWN]
+        seeds = {solve.seed_id for solve in solves if solve.seed_id is not None}
+        n_solutions = len(solutions(solves, self.level))
+        hours = float(getattr(cost_of(solves), self.currency))
+        link = Link(solves[0].strategy, len(solves), n_solutions, len(seeds), hours)
+        source = solves[0].seeds_from
+        if source is None:
+            return [link]
+        found = [self.findings.found_by[name] for name in seeds if name in self.findings.found_by]
+        return [*self._source(source, frozenset(solve.duration_days for solve in found)), link]
+
+    def _source(self, search: str, durations: frozenset[float | None]) -> list[Link]:
+        key = search, durations
+        if key not in self.known:
+            # Stands there while we ask, so that a search that lives on itself ends in the unknown.
+            self.known[key] = [_UNKNOWN]
+            givers = [one for days in durations for one in self.groups.get((search, days), ())]
+            self.known[key] = self.links(givers)
+        return self.known[key]
+
+
+def _cumulative(
+    links: Sequence[Link], group: Sequence[SolveFacts], level: Level, currency: Currency
+) -> Cumulative:
+    return Cumulative(
+        chain=" <- ".join(link.strategy for link in reversed(links)),
+        search=group[0].search,
+        strategy=group[0].strategy,
+        duration_days=shared(solve.duration_days for solve in group),
+        mapping=shared(solve.mapping for solve in group),
+        level=level,
+        currency=currency,
+        ratio=cumulative_ratio(links),
+        hours=cumulative_hours(links),
+        full_hours=full_hours(links),
+        shared_hours=full_hours(links, is_shared=True),
+    )
