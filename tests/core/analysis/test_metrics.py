@@ -134,7 +134,7 @@ def test_the_best_of_n_is_that_of_all_ways_to_draw_them(n):
 
 
 def test_the_expected_least_of_n_ranks_is_known():
-    # Of 1 .. N without replacement: (N + 1)/(n + 1); 90 % of the least of 9 in 999 are between 6 and 283.
+    # Of 1 .. N without replacement: (N + 1)/(n + 1); 90 % of the least of 9 in 999 are between 6 and 282.
     best = best_of(9, 999, np.arange(1.0, 1000.0))
     assert (best.chance, best.expected_kg) == (1.0, pytest.approx(100.0, rel=1e-12))  # rounding
     for end, share in ((best.low_kg, 0.05), (best.high_kg, 0.95)):
