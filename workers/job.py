@@ -60,11 +60,17 @@ class Settings(Message):
 
 
 class HopLaws(Message):
-    """How a chain of monotonic basin hopping draws its starts and its hops."""
+    """How a chain draws its starts and its hops: the fields of `core.search.HopSettings`."""
 
     guess_law: str = "uniform"
     hop_law: str = "uniform"
-    hop_width: Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)] = 0.1
+    #: None for the law's own; in widths of the bounds.
+    hop_width: Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)] | None = None
+    #: None for the law's own, and for a law without one.
+    hop_shape: Annotated[float, Field(ge=0.1, le=10, allow_inf_nan=False)] | None = None
+    adaptive: bool = False
+    #: Chance of each time to be drawn afresh in a hop.
+    time_hop_probability: Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)] = 0.0
     #: Rejected hops in a row after which the chain starts afresh.
     max_failures: Annotated[int, Field(ge=1)] = 5
 

@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 import core
 from core.nlp import Outcome, SolveSettings
 from core.problem import Problem, problem_from
-from core.search import Chain, HopAddress, hop_rng, solve_seed
+from core.search import Chain, HopAddress, HopSettings, hop_rng, solve_seed
 from core.tolerances import PAPER, violation
 from core.transcription import Transcription
 from workers.certify import certificate, trajectory
@@ -79,8 +79,7 @@ def _solves(job: Job, stop: Stop) -> Iterator[SolveRecord]:
 
 def _hops(job: HopJob, stop: Stop) -> Iterator[SolveRecord]:
     problem, transcription = prepared(job.problem, job.settings.n_legs)
-    laws = job.laws
-    chain = Chain(transcription, laws.guess_law, laws.hop_law, laws.hop_width, laws.max_failures)
+    chain = Chain(transcription, HopSettings(**job.laws.model_dump()))
     for hop in range(job.address.hop, job.address.hop + job.n_hops):
         guess = chain.ask(hop_rng(job.rng_seed, hop_address(job, hop)))
         deadline = _Deadline(job.settings, problem, stop)

@@ -3,7 +3,8 @@
 from core.search.addresses import HopAddress, hop_rng
 from core.search.continuation import solve_seed
 from core.search.guess_laws import GUESS_LAWS, sample_guess
-from core.search.hopping import HOP_LAWS, Chain, hop, is_better
+from core.search.hop_laws import HOP_LAWS, HopLaw, draw_steps
+from core.search.hopping import Chain, HopSettings, hop, hop_times, is_better
 from core.search.mapping import MAPPINGS, map_seed
 
 __all__ = [
@@ -12,8 +13,12 @@ __all__ = [
     "MAPPINGS",
     "Chain",
     "HopAddress",
+    "HopLaw",
+    "HopSettings",
+    "draw_steps",
     "hop",
     "hop_rng",
+    "hop_times",
     "is_better",
     "map_seed",
     "sample_guess",

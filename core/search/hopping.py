@@ -3,29 +3,101 @@
 docs/method.md, section 7.
 """
 
-from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from core.nlp import Outcome
 from core.search.guess_laws import GUESS_LAWS, sample_guess
+from core.search.hop_laws import HOP_LAWS, SHAPES, draw_steps
 from core.transcription import Transcription
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+#: How fast an adaptive width learns, and the share of successes at which it stands still [-]; eq. S14.
+LEARNING_RATE, SUCCESS_SHARE = 0.3, 0.05
+#: Least and greatest reach of an adaptive law [-]; eq. S15.
+REACHES = (1e-4, 0.5)
 
 
-def _uniform_hop(size: tuple[int, ...], width: float, rng: np.random.Generator) -> Array:
-    return width * (2.0 * rng.random(size) - 1.0)
+@dataclass(frozen=True, slots=True)
+class HopSettings:
+    """How a chain draws its starts and its hops; a number out of range raises ValueError.
+
+    The names are those of a campaign's specification.
+    """
+
+    #: A name of `GUESS_LAWS`.
+    guess_law: str = "uniform"
+    #: A name of `HOP_LAWS`.
+    hop_law: str = "uniform"
+    #: Scale of the hop law [-], in widths of the bounds; None for the law's own.
+    hop_width: float | None = None
+    #: Exponent of the law's tail [-]; None for the law's own, and for a law without one.
+    hop_shape: float | None = None
+    #: Whether the width follows the chain's own successes.
+    adaptive: bool = False
+    #: Chance of each time to be drawn afresh in a hop [-].
+    time_hop_probability: float = 0.0
+    #: Hops in a row that may fail before the chain starts afresh [-].
+    max_failures: int = 5
+
+    def __post_init__(self) -> None:
+        """Refuse what no chain can do."""
+        for name, laws in (("guess_law", GUESS_LAWS), ("hop_law", HOP_LAWS)):
+            if getattr(self, name) not in laws:
+                raise ValueError(f"{name}: expected one of {', '.join(laws)}, got {getattr(self, name)!r}")
+        if self.hop_width is not None and not 0.0 < self.hop_width <= 1.0:
+            raise ValueError(f"hop_width: expected a number in (0, 1], got {self.hop_width}")
+        if self.hop_shape is not None:
+            self._check_shape(self.hop_shape)
+        if not 0.0 <= self.time_hop_probability <= 1.0:
+            raise ValueError(
+                f"time_hop_probability: expected a number in [0, 1], got {self.time_hop_probability}"
+            )
+        if self.max_failures < 1:
+            raise ValueError(f"max_failures: expected at least 1, got {self.max_failures}")
+        low, high = self.width_range
+        if self.adaptive and not low <= self.width <= high:
+            raise ValueError(
+                f"hop_width: expected a number in [{low:.2g}, {high:.2g}] for an adaptive "
+                f"{self.hop_law} law, got {self.width:.3g}"
+            )
+
+    def _check_shape(self, shape: float) -> None:
+        if HOP_LAWS[self.hop_law].shape is None:
+            raise ValueError(f"hop_shape: expected none for a {self.hop_law} law, got {shape}")
+        if not SHAPES[0] <= shape <= SHAPES[1]:
+            raise ValueError(f"hop_shape: expected a number in [{SHAPES[0]:g}, {SHAPES[1]:g}], got {shape}")
+
+    @property
+    def width(self) -> float:
+        """Scale of the hop law at the start of a chain [-]."""
+        return HOP_LAWS[self.hop_law].width if self.hop_width is None else self.hop_width
+
+    @property
+    def shape(self) -> float | None:
+        """Exponent of the hop law's tail [-], if it has one."""
+        return HOP_LAWS[self.hop_law].shape if self.hop_shape is None else self.hop_shape
+
+    @property
+    def width_range(self) -> tuple[float, float]:
+        """Least and greatest width of an adaptive law [-], eq. S15."""
+        # A minimum says little of a heavy tail; the step that 99 in 100 components keep within says more.
+        reach = 1.0 if self.shape is None else 100.0 ** (1.0 / self.shape)
+        return REACHES[0] / reach, REACHES[1] / reach
 
 
-#: Steps per component, in units of the width of its bounds.
-HOP_LAWS: dict[str, Callable[[tuple[int, ...], float, np.random.Generator], Array]] = {
-    "uniform": _uniform_hop
-}
-
-
-def hop(x: Array, bounds: tuple[Array, Array], law: str, width: float, rng: np.random.Generator) -> Array:
+def hop(
+    x: Array,
+    bounds: tuple[Array, Array],
+    law: str,
+    width: float,
+    rng: np.random.Generator,
+    shape: float | None = None,
+) -> Array:
     """Return a perturbed decision vector inside its bounds.
 
     Parameters
@@ -40,23 +112,64 @@ def hop(x: Array, bounds: tuple[Array, Array], law: str, width: float, rng: np.r
         Scale of the law, in units of the width of the bounds [-].
     rng : Generator
         Source of the numbers.
+    shape : float, optional
+        Exponent of the law's tail [-]; the law's own where none is given.
+
+    References
+    ----------
+    docs/method.md, eq. S3.
     """
     lower, upper = bounds
-    step = (upper - lower) * HOP_LAWS[law](x.shape, width, rng)
+    moved = x + (upper - lower) * draw_steps(law, len(x), rng, width, shape)
     # In-plane angles wrap; clipping them would pile guesses up at +-pi.
     wraps = (upper == np.pi) & (lower == -np.pi)
-    moved = x + step
     moved[wraps] = (moved[wraps] + np.pi) % (2.0 * np.pi) - np.pi
     return np.clip(moved, lower, upper)
 
 
+def hop_times(
+    x: Array, bounds: tuple[Array, Array], times: Indices, probability: float, rng: np.random.Generator
+) -> Array:
+    """Return a decision vector in which each time has been drawn afresh from its bounds, or kept.
+
+    Parameters
+    ----------
+    x : (n,) array
+        Where to hop from [days, rad, kg].
+    bounds : tuple of two (n,) arrays
+        Box of x.
+    times : (n_times,) array
+        Indices of the times in x.
+    probability : float
+        Chance of each time to be drawn afresh [-].
+    rng : Generator
+        Source of the numbers.
+
+    References
+    ----------
+    docs/method.md, eq. S16.
+    """
+    lower, upper = bounds
+    drawn = times[rng.random(len(times)) < probability]
+    moved = x.copy()
+    moved[drawn] = lower[drawn] + (upper - lower)[drawn] * rng.random(len(drawn))
+    return moved
+
+
 def is_better(challenger: Outcome, incumbent: Outcome | None) -> bool:
     """Return whether an outcome beats another: feasible first, then violation, then final mass."""
-    if incumbent is None:
-        return True
-    if challenger.is_feasible and incumbent.is_feasible:
-        return challenger.objective > incumbent.objective
-    return challenger.violation < incumbent.violation
+    return incumbent is None or _rank(challenger) > _rank(incumbent)
+
+
+def _rank(outcome: Outcome) -> tuple[bool, float]:
+    """Return what outcomes are ordered by; what is not a number comes last of its kind."""
+    worth = outcome.objective if outcome.is_feasible else -outcome.violation
+    return bool(outcome.is_feasible), -np.inf if np.isnan(worth) else worth
+
+
+def _time_indices(transcription: Transcription) -> Indices:
+    trajectories = transcription.layout.trajectories
+    return np.array([(t.shooting_time, t.initial_coast, t.final_coast) for t in trajectories]).ravel()
 
 
 class Chain:
@@ -66,54 +179,48 @@ class Chain:
     ----------
     transcription : Transcription
         The problem.
-    guess_law, hop_law : str
-        Names of `GUESS_LAWS` and `HOP_LAWS`.
-    hop_width : float
-        Scale of the hop law [-].
-    max_failures : int
-        Hops in a row that may fail before the chain starts afresh [-].
-
-    Raises
-    ------
-    ValueError
-        When a law is unknown or a number out of range.
+    settings : HopSettings
+        Its laws.
     """
 
-    def __init__(
-        self,
-        transcription: Transcription,
-        guess_law: str = "uniform",
-        hop_law: str = "uniform",
-        hop_width: float = 0.1,
-        max_failures: int = 5,
-    ) -> None:
-        if guess_law not in GUESS_LAWS:
-            raise ValueError(f"guess law: expected one of {', '.join(GUESS_LAWS)}, got {guess_law!r}")
-        if hop_law not in HOP_LAWS:
-            raise ValueError(f"hop law: expected one of {', '.join(HOP_LAWS)}, got {hop_law!r}")
-        if not 0.0 < hop_width <= 1.0:
-            raise ValueError(f"hop width: expected a number in (0, 1], got {hop_width}")
-        if max_failures < 1:
-            raise ValueError(f"max_failures: expected at least 1, got {max_failures}")
+    def __init__(self, transcription: Transcription, settings: HopSettings | None = None) -> None:
         self.transcription = transcription
-        self.guess_law, self.hop_law = guess_law, hop_law
-        self.hop_width, self.max_failures = hop_width, max_failures
+        self.settings = settings or HopSettings()
         self.incumbent: Outcome | None = None
         self.failures = 0
+        #: Scale of the next hop [-].
+        self.width = self.settings.width
+        self._times = _time_indices(transcription)
+
+    @property
+    def is_hopping(self) -> bool:
+        """Whether there is something to hop from: an outcome that could at least be flown."""
+        return self.incumbent is not None and bool(np.isfinite(self.incumbent.violation))
 
     def ask(self, rng: np.random.Generator) -> Array:
         """Return the next guess (n_variables,): a fresh draw, or a hop from the incumbent."""
-        if self.incumbent is None or not np.isfinite(self.incumbent.violation):
-            return sample_guess(self.transcription, rng, self.guess_law)
-        return hop(self.incumbent.x, self.transcription.bounds, self.hop_law, self.hop_width, rng)
+        settings, bounds = self.settings, self.transcription.bounds
+        if self.incumbent is None or not self.is_hopping:
+            return sample_guess(self.transcription, rng, settings.guess_law)
+        moved = hop(self.incumbent.x, bounds, settings.hop_law, self.width, rng, settings.shape)
+        return hop_times(moved, bounds, self._times, settings.time_hop_probability, rng)
 
     def tell(self, outcome: Outcome) -> str:
         """Take the outcome of the last guess and return "accepted", "rejected" or "restarted"."""
-        if is_better(outcome, self.incumbent):
+        has_won = is_better(outcome, self.incumbent)
+        if self.settings.adaptive and self.is_hopping:
+            self._adapt(has_won)
+        if has_won:
             self.incumbent, self.failures = outcome, 0
             return "accepted"
         self.failures += 1
-        if self.failures < self.max_failures:
+        if self.failures < self.settings.max_failures:
             return "rejected"
-        self.incumbent, self.failures = None, 0
+        self.incumbent, self.failures, self.width = None, 0, self.settings.width
         return "restarted"
+
+    def _adapt(self, has_won: bool) -> None:
+        """Widen after a success, narrow after a failure, docs/method.md eq. S14."""
+        low, high = self.settings.width_range
+        wider = self.width * np.exp(LEARNING_RATE * (has_won - SUCCESS_SHARE))
+        self.width = float(min(max(wider, low), high))

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from core.nlp import ExitStatus, Outcome
+from core.search import HopSettings
 from tests.workers.jobs import hop_job
 from workers import run
-from workers.job import Address, Ending, MapJob, Settings
+from workers.job import Address, Ending, HopLaws, MapJob, Settings
 
 GOOD, WEAK, BAD = 1e-3, 0.5, 1e4  # position defects [km]: strict, paper, neither
 
@@ -164,3 +165,33 @@ def test_a_solve_that_the_deadline_cut_short_and_the_verifier_refuses_is_out_of_
 def test_counts_end_a_solve_long_before_the_clock_does():
     # 1200 iterations were measured to take 7.3 s; a slower processor has more than ten times that.
     assert run.solve_settings(Settings()).cpu_seconds >= 100.0
+
+
+def test_the_laws_of_a_job_reach_its_chain(monkeypatch):
+    told = []
+    numerics = Numerics(monkeypatch, [STALLED])
+    monkeypatch.setattr(run, "Chain", lambda _, settings: told.append(settings) or numerics)
+    laws = {"hop_law": "pareto", "hop_width": 0.01, "hop_shape": 0.8, "time_hop_probability": 0.05}
+    run.run_job(hop_job(laws=HopLaws(max_failures=9, **laws)))
+    assert told == [HopSettings(max_failures=9, **laws)]
+
+
+def test_what_a_job_leaves_open_is_what_a_chain_leaves_open():
+    assert HopSettings(**HopLaws().model_dump()) == HopSettings()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"hop_width": 0},
+        {"hop_shape": 0.01},
+        {"hop_shape": 11},
+        {"time_hop_probability": 1.1},
+        {"max_failures": 0},
+    ],
+)
+def test_a_number_that_no_chain_takes_is_no_law_of_a_job(wrong):
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        HopLaws(hop_law="pareto", **wrong)
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        HopSettings(hop_law="pareto", **wrong)
