@@ -1,6 +1,6 @@
 """From a problem to the functions a solver needs: decision vector in, defects and partials out."""
 
-from core.transcription.arcs import ReferencePath, fly_arc, target_state
+from core.transcription.arcs import FlownPath, RealizationPath, ReferencePath, fly_arc, target_state
 from core.transcription.control import control_of, throttle_of, wrapped
 from core.transcription.guess import Guess
 from core.transcription.layout import STATE, Layout, TrajectoryLayout, checked_vector, layout_of
@@ -12,9 +12,11 @@ __all__ = [
     "STATE",
     "STATE_SCALE",
     "TOLERANCE",
+    "FlownPath",
     "Guess",
     "Layout",
     "OutageProfile",
+    "RealizationPath",
     "ReferencePath",
     "Structure",
     "TrajectoryLayout",
