@@ -1,11 +1,12 @@
 """The search: where guesses come from, and which outcome a chain goes on from."""
 
 from core.search.addresses import HopAddress, hop_rng
+from core.search.assignments import MAPPINGS, check_mapping, expand_mapping
 from core.search.continuation import solve_seed
 from core.search.guess_laws import GUESS_LAWS, sample_guess
 from core.search.hop_laws import HOP_LAWS, HopLaw, draw_steps
 from core.search.hopping import Chain, HopSettings, hop, hop_times, is_better
-from core.search.mapping import MAPPINGS, map_seed
+from core.search.mapping import map_seed
 
 __all__ = [
     "GUESS_LAWS",
@@ -15,7 +16,9 @@ __all__ = [
     "HopAddress",
     "HopLaw",
     "HopSettings",
+    "check_mapping",
     "draw_steps",
+    "expand_mapping",
     "hop",
     "hop_rng",
     "hop_times",

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from core.nlp import Outcome, SolveSettings, Stop, never, solve
 from core.problem import Problem
+from core.search.assignments import assignment_of
 from core.search.mapping import map_seed, outage_profiles
 from core.transcription import DEFAULT_LEGS, OutageProfile, transcribe
 
@@ -29,9 +30,10 @@ def solve_seed(
     x : (n_variables,) array
         The seed [days, rad, kg].
     problem_to : Problem
-        Problem P_k, of the same family and with more outages.
+        Problem P_k, of the same family and with more outages, or with longer ones.
     mapping : str
-        A name of `core.search.MAPPINGS`; "continued" deepens the outages from none to full.
+        A text that stands for one concrete mapping, see `core.search.expand_mapping`; "continued" deepens the
+        outages from none, or from the shorter ones of the seed, to full.
     settings : SolveSettings
         Limits of all the work together; the defaults if None.
     stop : callable
@@ -47,17 +49,19 @@ def solve_seed(
     Raises
     ------
     ValueError
-        When the mapping is unknown or the problems do not fit each other.
+        When the mapping is unknown or stands for several, or the problems do not fit each other.
 
     References
     ----------
     docs/method.md, section 8.
     """
     guess = map_seed(problem_from, x, problem_to, mapping)
+    assignment = assignment_of(mapping, problem_from, problem_to)
+    sources = dict(zip(problem_to.outages, assignment.sources, strict=True))
     seed = np.asarray(x, dtype=float)
 
     def deepen(problem: Problem, depth: float) -> tuple[OutageProfile, ...]:
-        return outage_profiles(problem, problem_from, seed, depth)
+        return outage_profiles(problem, problem_from, seed, depth, sources)
 
     target = transcribe(problem_to, n_legs)
-    return solve(target, guess, settings, stop, deepen if mapping == "continued" else None)
+    return solve(target, guess, settings, stop, deepen if assignment.form == "continued" else None)

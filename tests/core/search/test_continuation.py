@@ -10,6 +10,7 @@ from core.nlp import ExitStatus, SolveSettings
 from core.nlp.robust import FIRST_STEP, GROW, SHRINK
 from core.search import MAPPINGS, continuation, solve_seed
 from tests.core.known import solution
+from tests.core.search.seeds import ONE, robust_solution
 from tests.core.transcription.points import PRESET, problem
 
 SETTINGS = SolveSettings(max_iterations=400)
@@ -57,9 +58,9 @@ def depths(monkeypatch):
     """The depths at which profiles are asked for; the first of a deepening is that of the full outage."""
     noted, profiles = [], continuation.outage_profiles
 
-    def noting(to, source, x, depth):
+    def noting(to, seed_problem, x, depth, sources):
         noted.append(depth)
-        return profiles(to, source, x, depth)
+        return profiles(to, seed_problem, x, depth, sources)
 
     monkeypatch.setattr(continuation, "outage_profiles", noting)
     return noted
@@ -97,3 +98,16 @@ def test_steps_into_an_outage_grow_after_success_and_shrink_after_failure(depths
 def test_the_same_seed_gives_the_same_solution_to_the_last_bit():
     first, again = (solved(40, "aligned")[1] for _ in range(2))
     np.testing.assert_array_equal(first.x, again.x)
+
+
+def test_a_realization_of_the_seed_becomes_that_of_an_outage_nearby():
+    asked = problem(((24, 1.0), (28, 1.0)))
+    outcome = solve_seed(ONE, robust_solution(), asked, "aligned(1,1)", SETTINGS)
+    assert outcome.is_feasible and verify(asked, outcome.x).strict
+
+
+def test_an_outage_of_half_a_day_becomes_one_of_a_day():
+    half, whole = problem(((24, 0.5),)), problem(((24, 1.0),))
+    seed = solve_seed(PRESET, solution(), half, "aligned", SETTINGS)
+    outcome = solve_seed(half, seed.x, whole, "aligned", SETTINGS)
+    assert outcome.is_feasible and verify(whole, outcome.x).strict

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from core.search import MAPPINGS, map_seed
-from core.search.mapping import missed_segments, outage_profiles
+from core.search.mapping import outage_profiles
 from core.transcription import Transcription, layout_of, throttle_of, transcribe
 from tests.core.known import solution
+from tests.core.search.seeds import ONE, robust_solution
 from tests.core.transcription.points import PRESET, UNITS, problem, random_point, transcription
 
 SEED = solution()
-TU_DAYS = 375190.25852 / 86400.0
 #: One missed segment that thrusts in full and one that coasts in the known solution.
 LIT, UNLIT = 8, 24
 
@@ -106,19 +106,11 @@ def test_an_aligned_guess_keeps_the_epochs_of_its_seed():
 def test_an_outage_of_several_segments_drops_them_all():
     guess = map_seed(PRESET, SEED, problem(((20, 5.0),)), "aligned")
     own = trajectories(((20, 5.0),))[1]
-    assert missed_segments(SEED[0] / 50 / TU_DAYS, 5.0, 20, 50) == 3  # 1.8 d each
+    # Three of 1.8 d each.
     assert guess.x[own.initial_coast] == pytest.approx(3 * SEED[0] / 50 - 5.0, abs=1e-12)
     assert guess.x[own.shooting_time] == pytest.approx(SEED[0] * 28 / 50, abs=1e-12)
     mean = throttle_of(guess.x[own.controls].reshape(-1, 3)).mean(axis=0)
     assert mean == pytest.approx(throttle_of(SEED[69:153].reshape(-1, 3)).mean(axis=0), abs=1e-12)
-
-
-@pytest.mark.parametrize(("segment", "expected"), [(20, 1), (49, 1), (47, 3), (30, 6)])
-def test_missed_segments_leave_one_to_fly(segment, expected):
-    duration = {20: 0.1, 49: 9.0, 47: 9.0, 30: 9.9}[segment]
-    # 9.9 d are 5.5 segments of 1.8 d; after segment 47 three are left, of which one must remain.
-    left = min(expected, 50 - segment)
-    assert missed_segments(1.8 / TU_DAYS, duration, segment, 50) == left
 
 
 def test_realizations_that_the_seed_knows_are_kept():
@@ -149,10 +141,9 @@ def test_at_depth_one_nothing_is_flown_of_the_missed_segment():
 @pytest.mark.parametrize(
     ("known", "wanted", "mapping", "message"),
     [
-        (PRESET, problem(((8, 1.0),)), "nearest", "mapping: expected one of reference, .*, got 'nearest'"),
+        (PRESET, problem(((8, 1.0),)), "closest", "expected all, nearest or one of reference, .* 'closest'"),
         (problem((), 49), problem(((8, 1.0),)), "aligned", "differs in its outages alone"),
-        (PRESET, PRESET, "aligned", "expected fewer than 0 outages, got 0"),
-        (problem(((8, 1.0),)), problem(((9, 1.0),)), "reference", "fewer than 1 outages, got 1"),
+        (problem(((8, 1.0), (9, 1.0))), problem(((8, 1.0),)), "aligned", "at most 1 outages, got 2"),
     ],
 )
 def test_a_seed_that_does_not_fit_is_refused(known, wanted, mapping, message):
@@ -174,3 +165,87 @@ def test_mapped_guesses_lie_inside_the_bounds(mapping):
     x = map_seed(PRESET, SEED, asked, mapping).x
     slack = 1e-12 * (upper - lower)  # rounding of shares of the time
     assert np.all((x >= lower - slack) & (x <= upper + slack))
+
+
+#: What a seed of P_1 has: a realization of 26 segments, with a recovery of its own.
+ROBUST = robust_solution()
+
+
+def realization(x, outages, number=1):
+    """Return times [days], throttle vectors and final mass of a realization."""
+    own = trajectories(outages)[number]
+    return x[own.offset : own.offset + 3], throttle_of(x[own.controls].reshape(-1, 3)), x[own.final_mass]
+
+
+OLD_TIMES, OLD_THROTTLES, OLD_MASS = realization(ROBUST, ((24, 1.0),))
+
+
+def test_a_later_outage_flies_the_last_controls_of_its_source():
+    outages = ((12, 1.0), (40, 1.0))
+    guess = map_seed(ONE, ROBUST, problem(outages), "reference(0,1)")
+    times, throttles, mass = realization(guess.x, outages, 2)
+    np.testing.assert_array_equal(throttles, OLD_THROTTLES[16:])  # ten segments are left after 40
+    assert times == pytest.approx([OLD_TIMES[0] * 10 / 26, 0.0, OLD_TIMES[2]], abs=1e-12)  # rounding
+    assert mass == OLD_MASS
+    default = map_seed(ONE, ROBUST, problem(outages), "reference").x
+    own = trajectories(outages)[1]
+    np.testing.assert_array_equal(guess.x[: own.stop], default[: own.stop])
+
+
+def test_an_earlier_outage_flies_all_the_impulse_of_its_source():
+    outages = ((8, 1.0), (40, 1.0))
+    times, throttles, mass = realization(map_seed(ONE, ROBUST, problem(outages), "reference(1,1)").x, outages)
+    assert (len(throttles), times[0], times[1], mass) == (42, OLD_TIMES[0], 0.0, OLD_MASS)
+    # 42 parts of the time in place of 26: the sums of the thrust over time are the same.
+    assert throttles.mean(axis=0) == pytest.approx(OLD_THROTTLES.mean(axis=0), abs=1e-14)
+    assert throttles[0] == pytest.approx(OLD_THROTTLES[0], abs=1e-14)
+
+
+def test_later_controls_are_averaged_over_other_numbers_of_segments():
+    options = {"segmentation": "uniform"}
+    seed_problem, asked = problem(((24, 1.0),), **options), problem(((37, 1.0), (40, 1.0)), **options)
+    x = random_point(transcribe(seed_problem), 1)
+    guess = map_seed(seed_problem, x, asked, "reference(1,1)")
+    old, own = layout_of(seed_problem).trajectories[1], layout_of(asked).trajectories[1]
+    before, after = (throttle_of(v[t.controls].reshape(-1, 3)) for v, t in ((x, old), (guess.x, own)))
+    # After 37 there is half the time that there is after 24: two segments for each of the last 25.
+    np.testing.assert_allclose(after, np.repeat(before[25:], 2, axis=0), rtol=0, atol=1e-12)  # rounding
+
+
+@pytest.mark.parametrize(("days", "left"), [(1.0, OLD_TIMES[1]), (3.5, OLD_TIMES[1] - 2.5), (15.0, 0.0)])
+def test_a_longer_outage_takes_its_time_from_the_coast_that_follows(days, left):
+    outages = ((24, days), (40, 1.0))
+    times, throttles, _ = realization(map_seed(ONE, ROBUST, problem(outages), "reference(1,0)").x, outages)
+    assert times == pytest.approx([OLD_TIMES[0], left, OLD_TIMES[2]], abs=1e-12)  # rounding
+    np.testing.assert_array_equal(throttles, OLD_THROTTLES)
+    if days > 1.0:
+        deeper = map_seed(ONE, ROBUST, problem(((24, days),)), "reference").x
+        np.testing.assert_array_equal(realization(deeper, ((24, days),))[0], times)
+
+
+@pytest.mark.parametrize("mapping", ["reference(1,0)", "aligned", "aligned(1,0)", "continued"])
+def test_a_realization_is_returned_for_its_own_outage(mapping):
+    guess = map_seed(ONE, ROBUST, problem(((24, 1.0), (40, 1.0))), mapping)
+    np.testing.assert_array_equal(guess.x[: len(ROBUST)], ROBUST)
+
+
+@pytest.mark.parametrize("mapping", ["{}", "{}(0,0,0)", "{}(1,2,1)", "{}(2,1,2)", "{}(nearest)"])
+@pytest.mark.parametrize("form", MAPPINGS)
+@pytest.mark.parametrize("coast", [0.0, 1.0])
+def test_guesses_from_any_realization_lie_inside_the_bounds(form, mapping, coast):
+    seed_problem, asked = problem(((4, 1.0), (44, 1.5))), problem(((2, 1.5), (24, 1.0), (48, 20.0)))
+    flown = transcribe(seed_problem)
+    x = random_point(flown, 5)
+    for place in (t.initial_coast for t in flown.layout.trajectories[1:]):
+        x[place] = coast * flown.bounds[1][place]  # up to coasts that outlast what later outages leave
+    guess, (lower, upper) = map_seed(seed_problem, x, asked, mapping.format(form)), transcribe(asked).bounds
+    slack = 1e-12 * (upper - lower)  # rounding of shares of the time
+    assert np.all((guess.x >= lower - slack) & (guess.x <= upper + slack))
+    if form != "reference":
+        shapes = [(t.n_segments + 1, 7) for t in layout_of(asked).trajectories]
+        assert [states.shape for states in guess.states] == shapes
+
+
+def test_a_mapping_that_stands_for_several_is_refused():
+    with pytest.raises(ValueError, match="expected one that makes one guess, got 'all', which makes 2"):
+        map_seed(ONE, ROBUST, problem(((8, 1.0), (24, 1.0))), "all")
