@@ -1,7 +1,8 @@
 """The one way in which coastarc compiles its kernels, and where the machine code is kept.
 
 Numba notices a change in the file of a kernel, but not in a file that the kernel calls into.  So the
-cache folder is named by a hash of all of core's sources: changed code never meets stale machine code.
+cache folder is named by a hash of all sources that a kernel can see, those from transcription downwards:
+changed code never meets stale machine code.
 """
 
 import hashlib
@@ -15,10 +16,15 @@ from platformdirs import user_cache_path
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 
+#: Folders that hold kernels, or what kernels import; imports point down, so nothing above is compiled.
+KERNEL_FOLDERS = ("", "ephemeris", "orbits", "dynamics", "transcription")
+
+
 def _sources_digest() -> str:
     digest = hashlib.blake2b(numba.__version__.encode(), digest_size=8)
-    for path in sorted(Path(__file__).parent.rglob("*.py")):
-        digest.update(path.read_bytes())
+    for folder in KERNEL_FOLDERS:
+        for path in sorted((Path(__file__).parent / folder).glob("*.py")):
+            digest.update(path.read_bytes())
     return digest.hexdigest()
 
 
