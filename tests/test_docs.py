@@ -9,12 +9,14 @@ from pathlib import Path
 import pytest
 
 from core.nlp import ExitStatus
-from core.search import GUESS_LAWS, MAPPINGS
+from core.search import GUESS_LAWS, HOP_LAWS, MAPPINGS
 from service.db.tables import Base
+from service.search_spec import SearchSpec, Seeds
 from workers.job import Ending
 
 ROOT = Path(__file__).parents[1]
 METHOD = (ROOT / "docs" / "method.md").read_text(encoding="utf-8")
+CAMPAIGNS = (ROOT / "docs" / "campaigns.md").read_text(encoding="utf-8")
 GLOSSARY = (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
 SOURCES = sorted(path for top in ("core", "workers", "service") for path in (ROOT / top).rglob("*.py"))
 PACKAGES = ("core", *(f"core.{path.parent.name}" for path in sorted((ROOT / "core").glob("*/__init__.py"))))
@@ -91,7 +93,7 @@ def cited_equations(text):
     for part in re.findall(r"eqs?\.? ((?:\(?[A-Z]?\d+\)?(?:-|, | and | to )?)+)", text):
         for first, last in re.findall(r"\(?([A-Z]?\d+)\)?(?:(?:-| to )\(?([A-Z]?\d+)\)?)?", part):
             letter = first.rstrip("0123456789")
-            start, stop = int(first.lstrip("DEFOSV")), int((last or first).lstrip("DEFOSV"))
+            start, stop = (int(re.sub("[A-Z]", "", number)) for number in (first, last or first))
             numbers |= {f"{letter}{number}" for number in range(start, stop + 1)}
     return numbers
 
@@ -156,7 +158,17 @@ def test_every_table_of_the_database_is_named_by_a_word_of_the_glossary():
 def test_endings_mappings_and_laws_are_documented_where_they_are_explained():
     assert all(ending.value in ENTRIES["ending"] for ending in Ending)
     assert all(mapping in ENTRIES["mapping"] and f"**{mapping}**" in METHOD for mapping in MAPPINGS)
-    assert all(f"*{law}*" in METHOD for law in GUESS_LAWS)
+    assert all(f"*{law}*" in METHOD for law in [*GUESS_LAWS, *HOP_LAWS])
+
+
+def test_every_field_of_a_specification_is_documented():
+    fields = {*Seeds.model_fields, *SearchSpec.model_fields} - {"id", "source"}
+    assert all(f"`{name}`" in CAMPAIGNS for name in fields)
+    choices = ("order", "pairing", "tolerance")
+    named = [
+        name for field in choices for name in re.findall(r"'([a-z_-]+)'", str(Seeds.model_fields[field]))
+    ]
+    assert len(named) > 8 and all(f"`{name}`" in CAMPAIGNS for name in named)
 
 
 def test_every_entry_of_the_glossary_is_a_sentence_and_stands_once():

@@ -38,6 +38,13 @@ class OutageView(Answer):
     duration_days: float
 
 
+class CaseView(Answer):
+    """One of the problems that a search is about."""
+
+    problem_hash: str
+    outages: list[OutageView]
+
+
 class JobCounts(Answer):
     """How many jobs are in each state."""
 
@@ -57,8 +64,9 @@ class SearchView(Answer):
     strategy: str
     state: SearchState
     k: int
-    problem_hash: str
-    outages: list[OutageView]
+    #: The problems that it is about.
+    cases: list[CaseView]
+    #: The mappings of its seeds, separated by commas.
     mapping: str | None
     #: Name of the search that the seeds come from.
     seeds_from: str | None

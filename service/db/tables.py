@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import CheckConstraint, ForeignKey, Index, Text, UniqueConstraint, text
+from sqlalchemy import CheckConstraint, ForeignKey, ForeignKeyConstraint, Index, Text, UniqueConstraint, text
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
 from service.db.columns import Flag, Json, Number, Vector
 from workers.job import Ending
 
 #: Grows with every change of the tables; kept in SQLite's user_version.
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 CAMPAIGN_STATES = ("active", "paused", "done", "cancelled")
 SEARCH_STATES = ("waiting", "active", "done", "cancelled")
@@ -78,10 +78,19 @@ class SearchRow(Base):
     position: Mapped[int]
     name: Mapped[str]
     strategy: Mapped[str]
-    problem_hash: Mapped[str] = mapped_column(ForeignKey("problem.hash"))
     #: Search that the seeds come from.
     source_id: Mapped[int | None] = mapped_column(ForeignKey("search.id"))
     state: Mapped[str]
+
+
+class CaseRow(Base):
+    """One of the problems that a search is about; jobs name it by its position."""
+
+    __tablename__ = "search_case"
+    __table_args__ = _table()
+    search_id: Mapped[int] = mapped_column(ForeignKey("search.id"), primary_key=True)
+    position: Mapped[int] = mapped_column(primary_key=True)
+    problem_hash: Mapped[str] = mapped_column(ForeignKey("problem.hash"))
 
 
 class JobRow(Base):
@@ -92,7 +101,9 @@ class JobRow(Base):
         UniqueConstraint("search_id", "kind", "case_index", "chain", "hop", name="job_address"),
         _one_of("state", JOB_STATES),
         _one_of("kind", ("hop", "map")),
+        ForeignKeyConstraint(["search_id", "case_index"], ["search_case.search_id", "search_case.position"]),
         CheckConstraint("(kind = 'map') = (seed_id IS NOT NULL)", name="map_has_seed"),
+        CheckConstraint("(kind = 'map') = (mapping IS NOT NULL)", name="map_has_mapping"),
         Index("job_queue", "priority", "id", sqlite_where=text("state = 'queued'")),
         Index("job_of_search", "search_id", "state"),
     )
@@ -102,9 +113,12 @@ class JobRow(Base):
     case_index: Mapped[int]
     #: 32 hexadecimal digits, whose text order is their order as numbers.
     chain: Mapped[str]
+    #: First hop of the chain; of a map job the number of its mapping in the search.
     hop: Mapped[int]
     n_hops: Mapped[int]
     seed_id: Mapped[str | None] = mapped_column(ForeignKey("solution.id"))
+    #: The one concrete mapping of the seed.
+    mapping: Mapped[str | None]
     state: Mapped[str]
     #: Lower goes first.
     priority: Mapped[int]

@@ -7,7 +7,14 @@ came first, except that budgets in core seconds or solutions end a search at a m
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from service.spec import SearchSpec, Seeds
+import numpy as np
+from numpy.typing import NDArray
+
+from core.analysis.distinct import most_diverse
+from core.search import expand_mapping
+from service.scheduler.pairing import Case, targets
+from service.search_spec import SearchSpec
+from service.spec import Spec
 
 #: Chains that are kept ready in the queue, however large the budget is.
 CHAINS_AHEAD = 256
@@ -25,6 +32,7 @@ class PlannedJob:
     case: int = 0
     hop: int = 0
     seed_id: str | None = None
+    mapping: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,22 +54,25 @@ class Progress:
         return self.n_queued + self.n_running
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
-    """A strict solution that may become a seed, with its place in its own search."""
+    """A solution that may become a seed, with its place in its own search."""
 
     id: str
     #: (case, chain, hop) of the first solve that found it.
     address: tuple[int, str, int]
+    #: The outages (segment, duration [d]) that it survives.
+    outages: Case
     delta_v_km_s: float
     time_of_flight_days: float
+    #: Its reference in scaled variables, where an order asks for diversity [-].
+    features: NDArray[np.float64] | None = None
 
 
 def is_exhausted(search: SearchSpec, progress: Progress) -> bool:
     """Return whether a budget in core seconds or solutions is used up."""
-    if search.core_seconds is not None:
-        return progress.cpu_seconds >= search.core_seconds
-    return search.solutions is not None and progress.n_solutions >= search.solutions
+    is_late = search.core_seconds is not None and progress.cpu_seconds >= search.core_seconds
+    return is_late or (search.solutions is not None and progress.n_solutions >= search.solutions)
 
 
 def next_chains(search: SearchSpec, progress: Progress) -> list[PlannedJob]:
@@ -69,29 +80,56 @@ def next_chains(search: SearchSpec, progress: Progress) -> list[PlannedJob]:
     if search.seed_k is not None or is_exhausted(search, progress):
         return []
     wanted = range(progress.n_chains, progress.n_chains + max(0, CHAINS_AHEAD - progress.n_queued))
-    return [PlannedJob("hop", chain, n_hops) for chain in wanted if (n_hops := _hops_of(search, chain))]
+    n_cases = len(search.outage_sets)
+    return [
+        PlannedJob("hop", chain, n_hops, case=chain % n_cases)
+        for chain in wanted
+        if (n_hops := _hops_of(search, *divmod(chain, n_cases)))
+    ]
 
 
-def _hops_of(search: SearchSpec, chain: int) -> int:
-    """Divide a budget in guesses over the chains; the last one gets what is left."""
+def _hops_of(search: SearchSpec, number: int, case: int) -> int:
+    """Divide a budget in guesses over the cases and their chains; the last one gets what is left."""
     if search.guesses is None:
         return search.hops
-    return max(0, min(search.hops, search.guesses - chain * search.hops))
+    share, rest = divmod(search.guesses, len(search.outage_sets))
+    return max(0, min(search.hops, share + (case < rest) - number * search.hops))
 
 
-def map_job(seed_id: str) -> PlannedJob:
-    """Return the job that maps a seed: its chain is the seed's hash read as an integer."""
-    return PlannedJob("map", int(seed_id, 16), 1, seed_id=seed_id)
+def map_jobs(spec: Spec, search: SearchSpec, seed: Candidate, number: int = 0) -> list[PlannedJob]:
+    """Return the jobs that map a seed: the chain is its hash read as an integer, the hop counts mappings."""
+    jobs: list[PlannedJob] = []
+    for case in targets(search, seed.outages, number):
+        problems = [spec.problem.with_outages(one) for one in (seed.outages, search.outage_sets[case])]
+        texts = [text for mapping in search.mapping for text in expand_mapping(mapping, *problems)]
+        jobs += [
+            PlannedJob("map", int(seed.id, 16), 1, case, hop, seed.id, text)
+            for hop, text in enumerate(dict.fromkeys(texts))
+        ]
+    return jobs
 
 
-def chosen(seeds: Seeds, candidates: Iterable[Candidate]) -> list[Candidate]:
+def chosen(search: SearchSpec, candidates: Iterable[Candidate]) -> list[Candidate]:
     """Return the seeds in their order, up to the limit; equal ones stand in order of address."""
+    assert search.seeds is not None
     ordered = sorted(candidates, key=lambda candidate: candidate.address)
-    if seeds.order == "delta_v":
+    if search.seeds.order == "delta_v":
         ordered.sort(key=lambda candidate: candidate.delta_v_km_s)
-    elif seeds.order == "time_of_flight":
+    elif search.seeds.order == "time_of_flight":
         ordered.sort(key=lambda candidate: candidate.time_of_flight_days)
-    return ordered[: seeds.limit]
+    elif search.seeds.order == "diversity":
+        # The best goes first, then always the one farthest from those before it.
+        ordered.sort(key=lambda candidate: candidate.delta_v_km_s)
+        features = np.array([candidate.features for candidate in ordered])
+        ordered = [ordered[i] for i in most_diverse(features, search.seeds.limit or len(ordered))]
+    return ordered[: search.seeds.limit]
+
+
+def jobs_of_seeds(spec: Spec, search: SearchSpec, candidates: Iterable[Candidate]) -> list[PlannedJob]:
+    """Return the jobs of a search that chooses among all its seeds, up to its budget in guesses."""
+    seeds = chosen(search, candidates)
+    jobs = [job for number, seed in enumerate(seeds) for job in map_jobs(spec, search, seed, number)]
+    return jobs[: search.guesses]
 
 
 def priority(search: SearchSpec) -> int:

@@ -7,9 +7,19 @@ import numpy as np
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from core.problem import problem_from
 from core.transcription import checked_vector, layout_of
 from service.db.dialect import insert_new
-from service.db.tables import CampaignRow, JobRow, SearchRow, SeedLinkRow, SolutionRow, SolveRow
+from service.db.tables import (
+    CampaignRow,
+    CaseRow,
+    JobRow,
+    ProblemRow,
+    SearchRow,
+    SeedLinkRow,
+    SolutionRow,
+    SolveRow,
+)
 from service.scheduler import plan
 from service.store.events import note
 from service.store.specs import search_spec, spec_of
@@ -42,17 +52,15 @@ def add_solve(
     session: Session, campaign: CampaignRow, search: SearchRow, job: JobRow, record: SolveRecord, now: float
 ) -> None:
     """Store a solve and what it found, unless an earlier attempt had handed in the same hop."""
-    solution_id = _add_solution(session, campaign, search, record, now)
+    solution_id = _add_solution(session, job, record, now)
     is_new = insert_new(session, SolveRow, _solve_values(job, record, solution_id, now))
     if solution_id is None or not is_new:
         return
     _announce(session, campaign, search, solution_id, now)
     if job.seed_id is not None and job.seed_id != solution_id:
-        mapping = search_spec(campaign, search).mapping
-        link = {"solution_id": solution_id, "seed_id": job.seed_id, "mapping": mapping}
+        link = {"solution_id": solution_id, "seed_id": job.seed_id, "mapping": job.mapping}
         insert_new(session, SeedLinkRow, link)
-    if record.certificate is not None and record.certificate.strict:
-        _plan_seeded(session, campaign, search, solution_id, now)
+    _plan_seeded(session, campaign, job, record, solution_id, now)
 
 
 def _solve_values(job: JobRow, record: SolveRecord, solution_id: str | None, now: float) -> dict[str, Any]:
@@ -70,14 +78,13 @@ def _solve_values(job: JobRow, record: SolveRecord, solution_id: str | None, now
     }
 
 
-def _add_solution(
-    session: Session, campaign: CampaignRow, search: SearchRow, record: SolveRecord, now: float
-) -> str | None:
+def _add_solution(session: Session, job: JobRow, record: SolveRecord, now: float) -> str | None:
     if record.x is None or record.trajectory is None or record.certificate is None:
         return None
-    problem = spec_of(campaign).problem_of(search_spec(campaign, search))
-    x = checked_vector(layout_of(problem), record.x)
-    key = solution_hash(search.problem_hash, x)
+    case = session.get_one(CaseRow, (job.search_id, job.case_index))
+    definition = session.get_one(ProblemRow, case.problem_hash).definition
+    x = checked_vector(layout_of(problem_from(definition)), record.x)
+    key = solution_hash(case.problem_hash, x)
     facts = record.trajectory.model_dump(exclude={"final_mass_kg"})
     insert_new(
         session,
@@ -85,7 +92,7 @@ def _add_solution(
         facts
         | {
             "id": key,
-            "problem_hash": search.problem_hash,
+            "problem_hash": case.problem_hash,
             "x": x,
             "objective_kg": record.trajectory.final_mass_kg,
             "defects": _flat(record.certificate.defects),
@@ -122,14 +129,25 @@ def _announce(
 
 
 def _plan_seeded(
-    session: Session, campaign: CampaignRow, search: SearchRow, solution_id: str, now: float
+    session: Session, campaign: CampaignRow, job: JobRow, record: SolveRecord, solution_id: str, now: float
 ) -> None:
     """Plan the map jobs of every search that takes each seed at once."""
-    for row in session.scalars(select(SearchRow).where(SearchRow.source_id == search.id)):
-        spec = search_spec(campaign, row)
+    assert record.trajectory is not None and record.certificate is not None
+    seed = plan.Candidate(
+        solution_id,
+        (job.case_index, job.chain, record.hop),
+        search_spec(campaign, session.get_one(SearchRow, job.search_id)).outage_sets[job.case_index],
+        record.trajectory.delta_v_km_s,
+        record.trajectory.time_of_flight_days,
+    )
+    for row in session.scalars(select(SearchRow).where(SearchRow.source_id == job.search_id)):
+        # Another campaign may feed on this one.
+        owner = session.get_one(CampaignRow, row.campaign_id)
+        search = search_spec(owner, row)
         is_open = row.state in ("waiting", "active")
-        if spec.seeds is None or not spec.seeds.is_immediate or not is_open:
+        if search.seeds is None or not search.is_immediate or not is_open:
             continue
-        if plan.is_exhausted(spec, progress_of(session, spec, row, False)):
-            continue
-        add_job(session, spec, row, plan.map_job(solution_id), now)
+        is_good = record.certificate.strict or search.seeds.tolerance == "paper"
+        if is_good and not plan.is_exhausted(search, progress_of(session, search, row, False)):
+            for planned in plan.map_jobs(spec_of(owner), search, seed):
+                add_job(session, search, row, planned, now)

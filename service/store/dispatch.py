@@ -10,6 +10,7 @@ from service.db.dialect import insert_new
 from service.db.tables import (
     AttemptRow,
     CampaignRow,
+    CaseRow,
     JobRow,
     ProblemRow,
     ProvenanceRow,
@@ -54,9 +55,10 @@ def _claimed(
 
 def _message(session: Session, job: JobRow, search: SearchRow, campaign: CampaignRow) -> HopJob | MapJob:
     spec = search_spec(campaign, search)
+    case = session.get_one(CaseRow, (search.id, job.case_index))
     chain = int(job.chain, 16)
     shared: dict[str, Any] = {
-        "problem": _definition(session, search.problem_hash),
+        "problem": _definition(session, case.problem_hash),
         "rng_seed": campaign.rng_seed,
         "address": Address(search=search.position, case=job.case_index, chain=chain, hop=job.hop),
         "settings": spec.settings,
@@ -69,7 +71,7 @@ def _message(session: Session, job: JobRow, search: SearchRow, campaign: Campaig
         seed_id=seed.id,
         seed_problem=_definition(session, seed.problem_hash),
         seed_x=tuple(seed.x.tolist()),
-        mapping=spec.mapping,
+        mapping=job.mapping or "",
     )
 
 
@@ -151,7 +153,7 @@ def revive(session: Session, campaign_id: int, now: float) -> int:
     for job in jobs:
         job.state, job.n_failures, job.updated_at = "queued", 0, now
     # A source comes before what it feeds, which may get new seeds now.
-    for row in sorted(rows, key=lambda row: search_spec(campaign, row).k):
+    for row in sorted(rows, key=lambda row: row.id):
         if row.state == "done" and (row.id in open_again or row.source_id in open_again):
             row.state = "active" if row.id in open_again else "waiting"
             open_again.add(row.id)

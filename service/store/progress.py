@@ -5,9 +5,9 @@ from typing import Any, cast
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from service.api.schemas import CampaignItem, CampaignView, JobCounts, OutageView, SearchState, SearchView
+from service.api.schemas import CampaignItem, CampaignView, CaseView, JobCounts, SearchState, SearchView
 from service.db.counts import counted
-from service.db.tables import CampaignRow, JobRow, SearchRow, SolutionRow, SolveRow
+from service.db.tables import CampaignRow, CaseRow, JobRow, ProblemRow, SearchRow, SolutionRow, SolveRow
 from service.scheduler import plan
 from service.store.errors import UnknownRow
 from service.store.specs import search_spec, spec_of
@@ -83,10 +83,9 @@ def _search(session: Session, campaign: CampaignRow, row: SearchRow) -> SearchVi
         strategy=row.strategy,
         state=cast(SearchState, row.state),
         k=spec.k,
-        problem_hash=row.problem_hash,
-        outages=[OutageView.model_validate(outage) for outage in spec_of(campaign).problem_of(spec).outages],
-        mapping=spec.mapping if spec.seeds else None,
-        seeds_from=spec.seeds.source if spec.seeds else None,
+        cases=_cases(session, row),
+        mapping=", ".join(spec.mapping) if spec.seeds else None,
+        seeds_from=spec.seeds.full_name if spec.seeds else None,
         jobs=JobCounts(**counts),
         hops=spec.hops,
         n_guesses_planned=plan.n_planned(spec, sum(counts.values())),
@@ -95,6 +94,19 @@ def _search(session: Session, campaign: CampaignRow, row: SearchRow) -> SearchVi
         **_totals(session, row.id),
         **_best(session, row.id),
     )
+
+
+def _cases(session: Session, row: SearchRow) -> list[CaseView]:
+    query = (
+        select(ProblemRow)
+        .join(CaseRow, CaseRow.problem_hash == ProblemRow.hash)
+        .where(CaseRow.search_id == row.id)
+        .order_by(CaseRow.position)
+    )
+    return [
+        CaseView(problem_hash=problem.hash, outages=problem.definition["outages"])
+        for problem in session.scalars(query)
+    ]
 
 
 def _totals(session: Session, search_id: int) -> dict[str, Any]:

@@ -27,7 +27,6 @@ from service.db.tables import (
     SolveRow,
 )
 from service.store.errors import StoreError, UnknownRow
-from service.store.specs import search_spec
 
 #: Columns that a record shows under their own name.
 FROM_SOLUTION = (
@@ -198,7 +197,7 @@ def _record(row: _Found) -> Record:
             for name in ("code_version", "package_versions", "kernel_hashes", "host")
         },
         seed_id=job.seed_id,
-        mapping=search_spec(campaign, search).mapping if job.seed_id else None,
+        mapping=job.mapping,
         campaign_id=campaign.id,
         search_id=search.id,
         search=search.name,

@@ -4,7 +4,8 @@ import json
 from functools import lru_cache
 
 from service.db.tables import CampaignRow, SearchRow
-from service.spec import SearchSpec, Spec, spec_from
+from service.search_spec import SearchSpec
+from service.spec import Spec, spec_from
 
 
 def spec_of(campaign: CampaignRow) -> Spec:

@@ -8,10 +8,11 @@ from typing import Any, Self
 import numpy as np
 from sqlalchemy import text
 
+from core.analysis.facts import CampaignFacts
 from service.api import schemas
 from service.db.engine import Database
 from service.spec import Spec
-from service.store import catalogue, dispatch, events, progress, records, submission
+from service.store import catalogue, dispatch, events, facts, find, progress, records, submission
 from service.store.errors import StoreError, UnknownRow
 from service.store.records import Filter
 from workers.executor import Ticket
@@ -78,6 +79,16 @@ class Store:
         """Return a campaign with its searches."""
         with self._database.read() as session:
             return progress.get_campaign(session, campaign_id, self._clock())
+
+    def campaign_facts(self, campaign_id: int) -> CampaignFacts:
+        """Return the facts that the metrics of a campaign are made from."""
+        with self._database.read() as session:
+            return facts.campaign_facts(session, campaign_id)
+
+    def find_campaign(self, name_or_id: str) -> int:
+        """Return the campaign of an id, or the newest of a name."""
+        with self._database.read() as session:
+            return find.find_campaign(session, name_or_id)
 
     def records(self, wanted: Filter, limit: int, after: str | None = None) -> schemas.RecordPage:
         """Return a page of solutions."""

@@ -17,28 +17,85 @@ def changed(**more):
     return fields
 
 
+OUTAGE_40 = {"segment": 40, "duration_days": 1.0}
+
+
+def cases(listed, duration_days=1.0, **more):
+    """Return the specification with several cases in its second search."""
+    given = {"cases": listed, "duration_days": duration_days, "outages": more.get("outages")}
+    return changed(**given)
+
+
+def with_laws(**laws):
+    """Return the specification with other laws in its first search."""
+    fields = spec_fields()
+    fields["search"][0].update(laws)
+    return fields
+
+
+def third(**more):
+    """Return the specification with a third search, S(2|1) unless told otherwise."""
+    fields = copy.deepcopy(spec_fields())
+    search = {"id": "s2-1", "strategy": "S(2|1)", "outages": [OUTAGE, OUTAGE_40], "seeds": {"from": "s1-0"}}
+    fields["search"].append(search | more)
+    return fields
+
+
 REFUSED = [
     (changed(colour="red"), "spec.search.1.colour: expected one of id, strategy, "),
     (changed(seeds={"from": "s9"}), "search s1-0: seeds.from: expected one of s0, s1-0, got 's9'"),
     (changed(seeds={"from": "s1-0"}), "expected a search of S(0...) for S(1|0), got 's1-0', which is S(1|0)"),
+    (changed(seeds={"from": "s0", "pairing": "some"}), "spec.search.1.seeds.pairing"),
+    (changed(seeds={"from": "s0", "tolerance": "loose"}), "spec.search.1.seeds.tolerance"),
     (changed(seeds={"from": "s0", "limit": 0}), "spec.search.1.seeds.limit"),
     (changed(seeds={"from": "s0", "order": "colour"}), "spec.search.1.seeds.order"),
     (changed(seeds=None), "seeds: expected a table with `from` for S(1|0), got none"),
-    (changed(strategy="S(1|1)"), "strategy: expected k' < k, got S(1|1)"),
+    (changed(strategy="S(0|0)", outages=None), "expected k' < k, or k' = k for longer outages, got S(0|0)"),
+    (changed(strategy="S(1|2)"), "expected k' < k, or k' = k for longer outages, got S(1|2)"),
+    (changed(strategy="S(1|1)", seeds={"from": "s1-0"}), "expected the same segments and longer outages"),
     (changed(strategy="S(2|0)"), "outages: expected 2 for S(2|0), got 1"),
     (changed(strategy="T(1)"), "spec.search.1.strategy: expected S(k) or S(k|k'), got 'T(1)'"),
     (changed(outages=[]), "outages: expected 1 for S(1|0), got 0"),
     (changed(outages=[{"segment": 50, "duration_days": 1.0}]), "expected a segment in 1..49"),
     (changed(outages=[OUTAGE, OUTAGE], strategy="S(2|0)"), "got segment 24 with 1.0 days twice"),
-    (changed(guesses=3), "guesses: expected to be absent for S(1|0), got 3"),
+    (changed(hops=3), "hops: expected to be absent for S(1|0), got 3"),
+    (cases([[4], [8, 12]]), "case [8, 12]: expected 1 for S(1|0), got 2"),
+    (cases([[4], [4]]), "cases: expected different ones, got one of them twice"),
+    (cases([]), "cases: expected at least one, got none"),
+    (cases([[4], [50]]), "expected a segment in 1..49"),
+    (cases([[4]], duration_days=None), "duration_days: expected beside cases, got none"),
+    (cases([[4]], outages=[OUTAGE]), "cases: expected instead of outages, got both"),
+    (changed(duration_days=1.0), "duration_days: expected beside cases, got it without"),
+    (
+        third(
+            seeds={"from": "s1-0", "pairing": "contained"},
+            outages=[{"segment": 4, "duration_days": 1.0}] * 1 + [OUTAGE_40],
+        ),
+        "expected a case that holds its own, got no such pair of cases from 's1-0'",
+    ),
+    (
+        third(outages=[{"segment": n, "duration_days": 0.5} for n in (24, 40)]),
+        "expected outages of 0.5 days, got 's1-0' with 1; set any_duration to allow it",
+    ),
+    (third(mapping=[1]), "search s2-1: mapping"),
+    (third(mapping=[1, 2]), "search s2-1: mapping"),
+    (third(strategy="S(1|0)", outages=[OUTAGE], seeds={"from": "s0"}), "each seed, mapping and case once"),
     (changed(guess_law="uniform"), "guess_law: expected to be absent for S(1|0), got 'uniform'"),
-    (changed(mapping="magic"), "expected one of reference, aligned, continued, got 'magic'"),
+    (with_laws(hop_law="levy"), "expected one of uniform, gaussian, cauchy, pareto, got 'levy'"),
+    (with_laws(hop_shape=0.7), "hop_shape: expected "),
+    (with_laws(hop_law="pareto", hop_shape=99), "spec.search.0.hop_shape"),
+    (with_laws(time_hop_probability=1.5), "spec.search.0.time_hop_probability"),
+    (with_laws(adaptive=True, hop_width=0.9), "hop_width: expected "),
+    (changed(mapping="magic"), "spec.search.1.mapping.0: mapping: expected "),
+    (changed(mapping=[]), "spec.search.1.mapping"),
     (changed(id="s0"), "expected different ids, got 's0' 2 times"),
     (changed(cpu_seconds=0), "spec.search.1.cpu_seconds: expected a number greater than 0, got 0"),
     (changed(cpu_seconds=float("nan")), "spec.search.1.cpu_seconds"),
-    (changed(core_seconds=1.0, solutions=2), "expected at most one of core_seconds, solutions"),
     (spec_fields(guesses=0), "spec.search.0.guesses: expected a number of at least 1, got 0"),
-    (spec_fields(guesses=None), "budget: expected exactly one of guesses, core_seconds, solutions, got none"),
+    (
+        spec_fields(guesses=None),
+        "budget: expected at least one of guesses, core_seconds, solutions, got none",
+    ),
     (spec_fields(search=[]), "spec.search: expected at least 1 item, got 0"),
     (spec_fields(campaign={"name": "x", "rng_seed": -1}), "spec.campaign.rng_seed"),
     (spec_fields(campaign={"name": "../x", "rng_seed": 1}), "spec.campaign.name: expected 1 to 80 letters, "),
@@ -121,6 +178,34 @@ strategy = "S(1|0)"
 outages = [{ segment = 24, duration_days = 1.0 }]
 seeds = { from = "s0" }
 """
+
+
+def test_the_cases_of_a_search_are_one_problem_each():
+    spec = spec_from(cases([[24], [4], [48]], 0.5))
+    assert [p.outages[0].segment for p in spec.problems_of(spec.search[1])] == [24, 4, 48]
+    assert {p.outages[0].duration_days for p in spec.problems_of(spec.search[1])} == {0.5}
+
+
+def test_a_mapping_may_be_one_several_or_an_assignment():
+    assert spec_from(third(mapping="all")).search[2].mapping == ("all",)
+    assert spec_from(third(mapping=[1, 0])).search[2].mapping == ("reference(1,0)",)
+    assert spec_from(third(mapping=["reference", "nearest"])).search[2].mapping == ("reference", "nearest")
+
+
+def test_longer_outages_may_start_from_shorter_ones_at_the_same_segments():
+    longer = {"outages": [{"segment": 24, "duration_days": 1.5}], "strategy": "S(1|1)"}
+    assert spec_from(third(**longer)).search[2].seed_k == 1
+
+
+def test_seeds_of_another_duration_are_taken_when_asked_for():
+    outages = [{"segment": n, "duration_days": 0.5} for n in (24, 40)]
+    fields = third(outages=outages, seeds={"from": "s1-0", "any_duration": True})
+    assert spec_from(fields).search[2].durations == {0.5}
+
+
+def test_several_budgets_may_be_given():
+    spec = spec_from(spec_fields(search=[{"id": "a", "strategy": "S(0)", "guesses": 3, "core_seconds": 9.0}]))
+    assert (spec.search[0].guesses, spec.search[0].core_seconds) == (3, 9.0)
 
 
 def test_both_kinds_of_search_may_set_their_legs():

@@ -6,8 +6,8 @@ import pytest
 
 from core.problem import problem_from
 from service.scheduler import plan
-from service.spec import spec_from
-from service.store import Store
+from service.spec import SpecError, spec_from
+from service.store import Store, StoreError
 from service.store.archive import solution_hash
 from service.store.records import Filter
 from tests.service.campaigns import OUTAGE, content, finish, spec_fields, submitted
@@ -256,6 +256,93 @@ def test_ordered_seeds_are_chosen_once(store, monkeypatch):
     submitted(store, fields)
     finish(store)
     assert store.campaign(1).searches[1].n_solves > 2 and len(calls) == 1
+
+
+def test_a_campaign_of_several_cases_and_mappings_runs_to_its_end(store):
+    cases = {"cases": [[8, 24], [24, 40]], "duration_days": 1.0, "mapping": ["reference", "nearest"]}
+    fields = spec_fields(guesses=20)
+    fields["search"].append({"id": "s2-1", "strategy": "S(2|1)", "seeds": {"from": "s1-0"}} | cases)
+    submitted(store, fields)
+    finish(store)
+    view = searches(store)
+    assert view["s2-1"].n_solves == 4 * view["s1-0"].n_strict > 0
+    assert [[o.segment for o in case.outages] for case in view["s2-1"].cases] == [[8, 24], [24, 40]]
+    solves = [s for s in store.campaign_facts(1).solves if s.search == "s2-1"]
+    assert len(solves) == view["s2-1"].n_solves
+    assert len({(s.seed_id, s.mapping, s.outages) for s in solves}) == len(solves)
+    records = store.all_records(Filter(search="s2-1"))
+    assert {r.mapping for r in records} == {"reference", "reference(1,1)"}
+    assert {r.problem_hash for r in records} == {case.problem_hash for case in view["s2-1"].cases}
+
+
+def seeded_elsewhere(**seeds):
+    """Return a campaign that lives on the solutions of another one."""
+    search = {"id": "s1-0", "strategy": "S(1|0)", "outages": [OUTAGE]}
+    search["seeds"] = {"campaign": "test", "from": "s0"} | seeds
+    return spec_fields(campaign={"name": "later", "rng_seed": 8}, search=[search])
+
+
+@pytest.mark.parametrize("seeds", [{}, {"order": "delta_v"}])
+def test_seeds_come_from_a_campaign_that_has_ended(store, seeds):
+    submitted(store)
+    finish(store)
+    n_solutions = searches(store)["s0"].n_solutions
+    submitted(store, seeded_elsewhere(**seeds))
+    finish(store)
+    later = searches(store, 2)["s1-0"]
+    assert later.n_solves == searches(store)["s0"].n_strict < n_solutions + 1
+    assert (later.seeds_from, store.campaign(2).state) == ("test/s0", "done")
+
+
+@pytest.mark.parametrize("seeds", [{}, {"order": "delta_v"}])
+def test_seeds_come_from_a_campaign_that_goes_on(store, seeds):
+    submitted(store, spec_fields(guesses=20))
+    finish(store, n_steps=2)
+    submitted(store, seeded_elsewhere(**seeds))
+    finish(store)
+    assert searches(store, 2)["s1-0"].n_solves == searches(store)["s0"].n_strict
+    assert store.campaign(2).state == "done"
+
+
+def test_seeds_of_another_campaign_that_do_not_fit_are_refused_and_nothing_is_stored(store):
+    submitted(store)
+    other = seeded_elsewhere()
+    other["problem"] = {"preset": "ppe-drm3", "n_segments": 40}
+    with pytest.raises(SpecError, match="expected the same reference problem"):
+        submitted(store, other)
+    with pytest.raises(SpecError, match="expected a search of campaign test, got 's7'"):
+        submitted(store, seeded_elsewhere(**{"from": "s7"}))
+    with pytest.raises(SpecError, match=r"expected a search of S\(0...\) for S\(1\|0\)"):
+        submitted(store, seeded_elsewhere(**{"from": "s1-0"}))
+    with pytest.raises(StoreError, match="campaign never: expected one that exists"):
+        submitted(store, seeded_elsewhere(campaign="never"))
+    assert len(store.campaigns()) == 1
+
+
+def test_facts_of_a_campaign_are_those_of_its_records(store):
+    submitted(store)
+    finish(store)
+    facts = store.campaign_facts(store.find_campaign("test"))
+    assert len(facts.solves) == sum(search.n_solves for search in searches(store).values())
+    found = {s.solution_id: s for s in facts.solves if s.strict}
+    records = [r for r in store.all_records(Filter()) if r.strict]
+    assert {r.id for r in records} == set(found) and {r.id for r in records} <= set(facts.vectors)
+    for r in records:
+        fact = found[r.id]
+        assert (r.search, r.strategy, r.k, r.seed_id, r.mapping) == (
+            fact.search,
+            fact.strategy,
+            fact.k,
+            fact.seed_id,
+            fact.mapping,
+        )
+        assert fact.outages == tuple((o.segment, o.duration_days) for o in r.outages)
+        assert (r.propellant_kg, r.delta_v_km_s, r.cpu_seconds) == (
+            fact.propellant_kg,
+            fact.delta_v_km_s,
+            fact.cpu_seconds,
+        )
+    assert {s.cap_seconds for s in facts.solves if s.k == 1} == {240.0}  # 120 s times 1 + k
 
 
 def test_a_limit_gives_the_best_solutions(store):

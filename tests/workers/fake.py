@@ -87,7 +87,7 @@ def trajectory(final_mass):
 
 def run_fake(job, stop=lambda: False):
     """Answer at once."""
-    hops = range(job.n_hops) if isinstance(job, HopJob) else (0,)
+    hops = range(job.n_hops) if isinstance(job, HopJob) else (job.address.hop,)
     share = 1.0 if isinstance(job, MapJob) else 0.5
     solves = tuple(record(job, hop, share) for hop in hops)
     best = Ending.FEASIBLE if any(solve.x for solve in solves) else Ending.INFEASIBLE

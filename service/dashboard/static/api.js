@@ -5,7 +5,8 @@
  * @typedef {{ segment: number, duration_days: number }} Outage
  * @typedef {{ queued: number, running: number, done: number, dead: number, cancelled: number }} JobCounts
  * @typedef {{
- *   id: number, name: string, strategy: string, state: string, k: number, outages: Outage[],
+ *   id: number, name: string, strategy: string, state: string, k: number,
+ *   cases: { problem_hash: string, outages: Outage[] }[],
  *   mapping: string | null, seeds_from: string | null, jobs: JobCounts, n_guesses_planned: number | null,
  *   n_solves: number, n_paper: number, n_strict: number, n_solutions: number, endings: Record<string, number>,
  *   statuses: Record<string, number>, hops: number,

@@ -38,7 +38,9 @@ function about(search) {
   const drawn = `Guesses drawn at random${search.hops > 1 ? ", improved by hops" : ""}`;
   if (search.k === 0) return `${drawn}; no outage to survive.`;
   const source = search.seeds_from ? `Seeds from ${search.seeds_from}, mapped “${search.mapping}”. ` : `${drawn}. `;
-  return `${source}Survives ${search.k === 1 ? "an outage" : `${search.k} outages`}: ${outages(search.outages)}.`;
+  const what = search.k === 1 ? "an outage" : `${search.k} outages`;
+  if (search.cases.length === 1) return `${source}Survives ${what}: ${outages(search.cases[0].outages)}.`;
+  return `${source}Survives ${what}, in ${search.cases.length} cases from ${outages(search.cases[0].outages)} on.`;
 }
 
 /**

@@ -1,0 +1,228 @@
+"""One search of a specification: its strategy, the cases it is about, its budget and its options."""
+
+import re
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StrictInt, model_validator
+
+from core.problem import LONGEST_OUTAGE_DAYS, Outage
+from core.search import GUESS_LAWS, HOP_LAWS, HopSettings, check_mapping
+from core.search.hop_laws import SHAPES
+from workers.job import HopLaws, Settings
+
+#: What only one of the two kinds of search may set.
+CHAIN_FIELDS = (*HopLaws.model_fields, "hops")
+SEED_FIELDS = ("seeds", "mapping")
+BUDGETS = ("guesses", "core_seconds", "solutions")
+STRATEGY = re.compile(r"S\((0|[1-9]\d{0,3})(?:\|(0|[1-9]\d{0,3}))?\)")
+#: Cases of one search, at most.
+MOST_CASES = 2000
+
+
+def one_of(names: Any) -> AfterValidator:
+    """Return a validator that admits the given names alone."""
+
+    def check(value: str) -> str:
+        if value not in names:
+            raise ValueError(f"expected one of {', '.join(names)}, got {value!r}")
+        return value
+
+    return AfterValidator(check)
+
+
+def shaped(pattern: str, shape: str) -> AfterValidator:
+    """Return a validator that admits what a pattern matches, and says of the rest what was expected."""
+
+    def check(value: str) -> str:
+        if not re.fullmatch(pattern, value):
+            raise ValueError(f"expected {shape}, got {value[:80]!r}")
+        return value
+
+    return AfterValidator(check)
+
+
+NAME_SHAPE = "1 to 80 letters, digits, spaces or . _ -, a letter or digit first"
+Name = Annotated[str, shaped(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,79}", NAME_SHAPE)]
+Positive = Annotated[float, Field(gt=0, le=1e12)]
+Count = Annotated[StrictInt, Field(ge=1, le=10_000_000)]
+Segments = Annotated[tuple[Annotated[StrictInt, Field(ge=1)], ...], Field(max_length=2000)]
+
+
+class Strict(BaseModel):
+    """Fields as a user writes them: no other ones, no number that is not finite."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
+
+
+def _listed_mappings(given: Any) -> Any:
+    """Return one mapping, an assignment or several mappings as several."""
+    if isinstance(given, str):
+        return (given,)
+    is_list = isinstance(given, list | tuple) and given
+    if is_list and all(isinstance(entry, int) and not isinstance(entry, bool) for entry in given):
+        return (f"reference({','.join(map(str, given))})",)
+    return given
+
+
+def _checked_mapping(name: str) -> str:
+    check_mapping(name)
+    return name
+
+
+Mappings = Annotated[
+    tuple[Annotated[str, AfterValidator(_checked_mapping)], ...],
+    Field(min_length=1, max_length=100),
+    BeforeValidator(_listed_mappings),
+]
+
+
+class Seeds(Strict):
+    """Which solutions of another search this one starts from, and for which of its cases."""
+
+    #: Id of the search that finds them, and the name or id of its campaign if that is another one.
+    source: Annotated[Name, Field(alias="from")]
+    campaign: Name | None = None
+    #: Least first, or each as far as possible from those before it.
+    order: Literal["address", "delta_v", "time_of_flight", "diversity"] | None = None
+    limit: Count | None = None
+    #: Each seed for every case, for one case in turn, or for the cases that hold all its outages.
+    pairing: Literal["every", "round-robin", "contained"] = "every"
+    #: Level at which a solution is good enough to be a seed.
+    tolerance: Literal["strict", "paper"] = "strict"
+    #: Whether seeds may come from outages of another duration.
+    any_duration: bool = False
+
+    @property
+    def full_name(self) -> str:
+        """The source as users read it."""
+        return self.source if self.campaign is None else f"{self.campaign}/{self.source}"
+
+
+class SearchSpec(Strict):
+    """One strategy with its cases, budget and options."""
+
+    id: Name
+    #: "S(k)": chains of hops from drawn guesses; "S(k|k')": seeds of P_k' mapped to P_k.
+    strategy: Annotated[str, shaped(STRATEGY.pattern, "S(k) or S(k|k')")]
+    #: The outages of the one case, or the segments of each of several cases, whose outages last equally long.
+    outages: tuple[Outage, ...] = ()
+    cases: Annotated[tuple[Segments, ...], Field(max_length=MOST_CASES)] | None = None
+    duration_days: Annotated[float, Field(gt=0, le=LONGEST_OUTAGE_DAYS)] | None = None
+    #: Budget: NLP solves over all cases, processor seconds, different solutions; whichever comes first.
+    guesses: Count | None = None
+    core_seconds: Positive | None = None
+    solutions: Count | None = None
+    seeds: Seeds | None = None
+    mapping: Mappings = ("reference",)
+    guess_law: Annotated[str, one_of(GUESS_LAWS)] = HopLaws().guess_law
+    hop_law: Annotated[str, one_of(HOP_LAWS)] = HopLaws().hop_law
+    #: None: the law's own.
+    hop_width: Annotated[float, Field(gt=0, le=1)] | None = None
+    hop_shape: Annotated[float, Field(ge=SHAPES[0], le=SHAPES[1])] | None = None
+    adaptive: bool = False
+    time_hop_probability: Annotated[float, Field(ge=0, le=1)] = 0.0
+    max_failures: Count = HopLaws().max_failures
+    #: Solves per chain; 1 is multistart.
+    hops: Annotated[StrictInt, Field(ge=1, le=10_000)] = 1
+    #: Cap per guess [s], scaled by 1 + k.
+    cpu_seconds: Annotated[float, Field(gt=0, le=86400)] = Settings().cpu_seconds
+    max_iterations: Annotated[StrictInt, Field(ge=1, le=1_000_000)] | None = None
+    n_legs: Annotated[StrictInt, Field(ge=1, le=200)] = Settings().n_legs
+
+    @property
+    def k(self) -> int:
+        """Number of outages that the strategy names."""
+        return int(self._parts[0])
+
+    @property
+    def seed_k(self) -> int | None:
+        """The k' of S(k|k'), or None."""
+        return None if self._parts[1] is None else int(self._parts[1])
+
+    @property
+    def _parts(self) -> tuple[str, str | None]:
+        match = STRATEGY.fullmatch(self.strategy)
+        assert match is not None
+        return match[1], match[2]
+
+    @property
+    def outage_sets(self) -> tuple[tuple[tuple[int, float], ...], ...]:
+        """The cases, each as its outages (segment, duration [d])."""
+        if self.cases is None:
+            return (tuple((outage.segment, outage.duration_days) for outage in self.outages),)
+        duration = self.duration_days or 0.0
+        return tuple(tuple((segment, duration) for segment in sorted(case)) for case in self.cases)
+
+    @property
+    def durations(self) -> set[float]:
+        """The durations of all its outages [d]."""
+        return {duration for case in self.outage_sets for _, duration in case}
+
+    @property
+    def is_immediate(self) -> bool:
+        """Whether each new seed is mapped at once, since the jobs do not depend on who comes first."""
+        seeds = self.seeds
+        chooses = seeds is None or seeds.order is not None or seeds.limit is not None
+        return not chooses and self.guesses is None and seeds is not None and seeds.pairing != "round-robin"
+
+    @property
+    def laws(self) -> HopLaws:
+        """How chains draw."""
+        return HopLaws(**{name: getattr(self, name) for name in HopLaws.model_fields})
+
+    @property
+    def settings(self) -> Settings:
+        """What shapes every solve."""
+        return Settings(cpu_seconds=self.cpu_seconds, max_iterations=self.max_iterations, n_legs=self.n_legs)
+
+    @model_validator(mode="after")
+    def _cases_match(self) -> Self:
+        if self.cases is None:
+            if self.duration_days is not None:
+                raise ValueError("duration_days: expected beside cases, got it without")
+            return self._require_k(len(self.outages), "outages")
+        if self.outages:
+            raise ValueError("cases: expected instead of outages, got both")
+        if self.duration_days is None:
+            raise ValueError("duration_days: expected beside cases, got none")
+        if not self.cases:
+            raise ValueError("cases: expected at least one, got none")
+        if len(set(self.outage_sets)) < len(self.cases):
+            raise ValueError("cases: expected different ones, got one of them twice")
+        for case in self.cases:
+            self._require_k(len(case), f"case {list(case)}")
+        return self
+
+    def _require_k(self, n_outages: int, thing: str) -> Self:
+        if n_outages != self.k:
+            raise ValueError(f"{thing}: expected {self.k} for {self.strategy}, got {n_outages}")
+        return self
+
+    @model_validator(mode="after")
+    def _options_match(self) -> Self:
+        foreign = SEED_FIELDS if self.seed_k is None else CHAIN_FIELDS
+        for name in foreign:
+            if name in self.model_fields_set:
+                raise ValueError(
+                    f"{name}: expected to be absent for {self.strategy}, got {self._shown(name)}"
+                )
+        if self.seed_k is not None and self.seeds is None:
+            raise ValueError(f"seeds: expected a table with `from` for {self.strategy}, got none")
+        if self.seed_k is not None and (self.seed_k > self.k or self.seed_k == self.k == 0):
+            raise ValueError(f"strategy: expected k' < k, or k' = k for longer outages, got {self.strategy}")
+        return self
+
+    @model_validator(mode="after")
+    def _laws_fit(self) -> Self:
+        HopSettings(**self.laws.model_dump())
+        return self
+
+    @model_validator(mode="after")
+    def _budget_given(self) -> Self:
+        if self.seed_k is None and all(getattr(self, name) is None for name in BUDGETS):
+            raise ValueError(f"budget: expected at least one of {', '.join(BUDGETS)}, got none")
+        return self
+
+    def _shown(self, name: str) -> str:
+        value = getattr(self, name)
+        return "a table" if isinstance(value, BaseModel) else repr(value)
