@@ -18,6 +18,7 @@ from rich.text import Text
 from service import terminal
 from service.api.schemas import CampaignView, JobView
 from service.cli_bench import bench
+from service.cli_report import report
 from service.cli_run import announce, run_to_end, serve_until_interrupted
 from service.coordinator import Coordinator, CoordinatorError
 from service.db.engine import DatabaseError
@@ -51,6 +52,7 @@ app = typer.Typer(
 solutions = typer.Typer(help="Look at solutions.", no_args_is_help=True)
 app.add_typer(solutions, name="solutions")
 app.add_typer(bench, name="bench")
+app.command()(report)
 # What is piped into a file has no width to respect.
 console = Console(width=None if sys.stdout.isatty() else 140)
 errors = Console(stderr=True)

@@ -1,0 +1,40 @@
+"""`coastarc report`: the report of a campaign as files, or its numbers as JSON."""
+
+import json
+import re
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from platformdirs import user_data_path
+
+from service.store import Store
+
+Campaign = Annotated[str, typer.Argument(help="Id of a campaign, or its name; the newest of that name.")]
+Data = Annotated[Path, typer.Option(help="Folder of the archive.", envvar="COASTARC_DATA")]
+Out = Annotated[Path | None, typer.Option(help="Folder to write to; report-NAME here if left out.")]
+Json = Annotated[bool, typer.Option("--json", help="Print the tables as JSON, and write nothing.")]
+
+
+def report(
+    campaign: Campaign,
+    data: Data = user_data_path("coastarc"),
+    out: Out = None,
+    as_json: Json = False,
+) -> None:
+    """Write the report of a campaign, finished or not: one HTML page, and its figures and tables."""
+    # Drawing takes a second to import, and other commands do not draw.
+    from service.report import tables_as_json, write_report
+
+    with Store(data, read_only=True) as store:
+        facts = store.campaign_facts(store.find_campaign(campaign))
+    if as_json:
+        typer.echo(json.dumps(tables_as_json(facts), indent=2, allow_nan=False))
+        return
+    path = write_report(facts, out or Path(folder_name(facts.name)))
+    typer.echo(f"Report: {path.resolve()}")
+
+
+def folder_name(name: str) -> str:
+    """Return the folder of a report: the campaign's name without what a file system may refuse."""
+    return "report-" + (re.sub(r"[^A-Za-z0-9._-]+", "-", name).strip("-.") or "campaign")

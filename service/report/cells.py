@@ -1,0 +1,145 @@
+"""A table as data: what the page shows rounded, the CSV file holds in full."""
+
+import csv
+import io
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import floor, inf, isfinite, isnan, log10
+
+from core.analysis.metrics import Estimate
+
+Value = str | int | float | None
+Cell = Value | Estimate
+
+#: What stands where nothing is known.
+NOTHING = "–"
+#: Where a value of the paper comes from, as a column's head says it.
+PRINTED, READ = "paper, printed", "paper, read from a figure"
+DERIVED = "paper, computed from its numbers"
+#: By the marks of `core.analysis.paper_values`.
+SOURCES = {"P": PRINTED, "F": READ, "C": DERIVED}
+#: For `Column.decimals`: as many digits as were printed or read.
+AS_GIVEN = -1
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column: its head, its name in the CSV file, and how its numbers are rounded in the page."""
+
+    head: str
+    key: str
+    #: Digits after the point; None for three significant ones, or AS_GIVEN.
+    decimals: int | None = None
+    #: One of PRINTED, READ and DERIVED, or None for our own numbers.
+    source: str | None = None
+
+    def shown(self, cell: Cell) -> str:
+        """Return a cell as text, without its interval."""
+        if isinstance(cell, Estimate):
+            return _number(cell.value, self.decimals)
+        if isinstance(cell, float):
+            return _number(cell, self.decimals)
+        if isinstance(cell, int):
+            return f"{cell:,}"
+        return NOTHING if cell is None else str(cell)
+
+    def interval(self, cell: Cell) -> str:
+        """Return the interval of an estimate as text, nothing for other cells."""
+        if not isinstance(cell, Estimate) or isnan(cell.low):
+            return ""
+        # The ends are computed, whatever the value in the middle is.
+        decimals = None if self.decimals == AS_GIVEN else self.decimals
+        if cell.high == inf:
+            return f"at least {_number(cell.low, decimals)}"
+        return f"{_number(cell.low, decimals)} to {_number(cell.high, decimals)}"
+
+
+def _number(value: float, decimals: int | None) -> str:
+    if not isfinite(value):
+        # Infinite is a cost without a solution.
+        return NOTHING
+    if decimals == AS_GIVEN:
+        text = f"{value:.6g}"
+    elif decimals and 0.0 < value < 0.5 * 10.0**-decimals:
+        return f"< {10.0**-decimals:.{decimals}f}"
+    else:
+        text = significant(value) if decimals is None else f"{value:,.{decimals}f}"
+    return text.replace("-", "−")
+
+
+def significant(value: float, digits: int = 3) -> str:
+    """Return a number with so many significant digits, never in powers of ten, never less than whole."""
+    if value == 0.0:
+        return "0"
+    decimals = digits - 1 - floor(log10(abs(value)))
+    return f"{value:,.{max(0, decimals)}f}"
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Rows under columns, with the sentence that says what they are."""
+
+    #: File name of the CSV, without its ending.
+    name: str
+    title: str
+    caption: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+
+    def __post_init__(self) -> None:
+        """Raise where a row does not fit under the columns."""
+        for row in self.rows:
+            if len(row) != len(self.columns):
+                raise ValueError(f"row of {self.name}: expected {len(self.columns)} cells, got {len(row)}")
+
+    def is_words(self, column: int) -> bool:
+        """Return whether a column holds words rather than numbers."""
+        return any(isinstance(row[column], str) for row in self.rows)
+
+    def as_csv(self) -> str:
+        """Return the table as CSV, numbers in full, an estimate as three columns; empty where unknown."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(self._keys())
+        writer.writerows([_plain(value) for value in row] for row in self._values())
+        return text.getvalue()
+
+    def as_records(self) -> list[dict[str, str | int | float | None]]:
+        """Return the same as one record per row; what is unknown or infinite is None."""
+        return [
+            {key: _finite(value) for key, value in zip(self._keys(), row, strict=True)}
+            for row in self._values()
+        ]
+
+    def _wide(self) -> list[bool]:
+        """Return which columns hold estimates."""
+        return [any(isinstance(row[i], Estimate) for row in self.rows) for i in range(len(self.columns))]
+
+    def _keys(self) -> list[str]:
+        keys = []
+        for column, is_wide in zip(self.columns, self._wide(), strict=True):
+            ends = (f"{column.key}_low", f"{column.key}_high") if is_wide else ()
+            keys += [column.key, *ends]
+        return keys
+
+    def _values(self) -> Iterator[list[Value]]:
+        wide = self._wide()
+        for row in self.rows:
+            values: list[Value] = []
+            for cell, is_wide in zip(row, wide, strict=True):
+                parts = [*cell] if isinstance(cell, Estimate) else [cell]
+                values += [*parts, None, None] if is_wide and len(parts) == 1 else parts
+            yield values
+
+
+def _finite(value: Value) -> Value:
+    return None if isinstance(value, float) and not isfinite(value) else value
+
+
+def _plain(value: Value) -> str:
+    if value is None or (isinstance(value, float) and isnan(value)):
+        return ""
+    if isinstance(value, str) and value[:1] in ("=", "+", "-", "@", "\t", "\r"):
+        # A spreadsheet would compute it.
+        return f"'{value}"
+    return repr(value) if isinstance(value, float) else str(value)
