@@ -5,12 +5,12 @@ from importlib.metadata import version
 
 from fastapi import FastAPI
 
-from service.api import campaigns, events, health, jobs, pages, problems, solutions
+from service.api import campaigns, events, health, jobs, metrics, pages, problems, solutions
 from service.api.errors import REFUSALS, add_error_handlers
 from service.security import Guard
 from service.store import Store
 
-ROUTERS = (campaigns.router, solutions.router, problems.router, jobs.router, events.router)
+ROUTERS = (campaigns.router, metrics.router, solutions.router, problems.router, jobs.router, events.router)
 
 
 def create_app(store: Store, is_closing: Callable[[], bool] = lambda: False) -> FastAPI:

@@ -121,6 +121,21 @@ class CampaignView(CampaignItem):
     cpu_seconds: float
 
 
+#: One group of solves or solutions: names as in docs/report.md, null where there is no number.
+MetricsRow = dict[str, str | int | float | None]
+
+
+class MetricsView(Answer):
+    """What the strategies of a campaign are worth: the tables of its report."""
+
+    campaign_id: int
+    by_strategy: list[MetricsRow]
+    by_mapping: list[MetricsRow]
+    seed_yields: list[MetricsRow]
+    seed_chains: list[MetricsRow]
+    paired_changes: list[MetricsRow]
+
+
 class CampaignPage(Answer):
     """Campaigns, the newest first."""
 

@@ -218,3 +218,25 @@ def test_every_route_is_in_the_document_with_a_summary(client):
     paths = client.get(f"{API}/openapi.json").json()["paths"]
     assert f"{API}/campaigns/{{campaign_id}}/events" in paths
     assert all(operation["summary"] for path in paths.values() for operation in path.values())
+
+
+def test_metrics_of_a_campaign_count_its_solves_and_pair_its_seeds(client, finished):
+    body = client.get(f"{API}/campaigns/1/metrics").json()
+    s0, s1 = client.get(f"{API}/campaigns/1").json()["searches"]
+    drawn, seeded = body["by_strategy"]
+    assert (drawn["strategy"], drawn["n_solves"], drawn["n_strict"]) == ("S(0)", 8, s0["n_strict"])
+    assert drawn["strict_ratio"] == s0["n_strict"] / 8
+    assert (seeded["strategy"], seeded["mapping"], seeded["n_solves"]) == (
+        "S(1|0)",
+        "reference",
+        s1["n_solves"],
+    )
+    assert [(row["seed_k"], row["k"]) for row in body["seed_yields"]] == [(None, 0), (0, 1)]
+    assert body["paired_changes"][0]["propellant_kg_n"] == s1["n_strict"]
+    assert client.get(f"{API}/campaigns/99/metrics").status_code == 404
+
+
+def test_metrics_of_a_campaign_without_solves_are_empty_tables(client, store):
+    assert client.post(f"{API}/campaigns", json=spec_fields()).status_code == 201
+    body = client.get(f"{API}/campaigns/1/metrics").json()
+    assert body["by_strategy"] == body["seed_chains"] == body["paired_changes"] == []
