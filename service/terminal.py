@@ -76,8 +76,14 @@ def _solves(search: SearchView) -> str:
 
 
 def progress_line(view: CampaignView) -> str:
-    """Return the same in one line, for logs."""
-    parts = [f"{s.name} {s.n_solves} solves, {s.n_strict} strict" for s in view.searches]
+    """Return the same in one line, for logs: the searches that go on, and how many have ended."""
+    parts = [
+        f"{search.name} {_solves(search)} solves, {search.n_strict} strict"
+        for search in view.searches
+        if search.state == "active"
+    ]
+    n_ended = sum(search.state in ("done", "cancelled") for search in view.searches)
+    parts.append(f"{n_ended} of {len(view.searches)} searches done, {view.n_solutions} solutions")
     return f"{_duration(view.elapsed_seconds)}: " + "; ".join(parts)
 
 
