@@ -18,6 +18,8 @@ PRINTED, READ = "paper, printed", "paper, read from a figure"
 DERIVED = "paper, computed from its numbers"
 #: By the marks of `core.analysis.paper_values`.
 SOURCES = {"P": PRINTED, "F": READ, "C": DERIVED}
+#: The least p-value that is shown as a number.
+P_LEAST = 0.0001
 #: For `Column.decimals`: as many digits as were printed or read.
 AS_GIVEN = -1
 
@@ -32,12 +34,16 @@ class Column:
     decimals: int | None = None
     #: One of PRINTED, READ and DERIVED, or None for our own numbers.
     source: str | None = None
+    #: Whether its numbers are p-values, of which small ones are told from zero.
+    is_p: bool = False
 
     def shown(self, cell: Cell) -> str:
         """Return a cell as text, without its interval."""
         if isinstance(cell, Estimate):
             return _number(cell.value, self.decimals)
         if isinstance(cell, float):
+            if self.is_p and cell < P_LEAST:
+                return f"< {P_LEAST}"
             return _number(cell, self.decimals)
         if isinstance(cell, int):
             return f"{cell:,}"
@@ -60,8 +66,6 @@ def _number(value: float, decimals: int | None) -> str:
         return NOTHING
     if decimals == AS_GIVEN:
         text = f"{value:.6g}"
-    elif decimals and 0.0 < value < 0.5 * 10.0**-decimals:
-        return f"< {10.0**-decimals:.{decimals}f}"
     else:
         text = significant(value) if decimals is None else f"{value:,.{decimals}f}"
     return text.replace("-", "−")
@@ -137,7 +141,7 @@ def _finite(value: Value) -> Value:
 
 
 def _plain(value: Value) -> str:
-    if value is None or (isinstance(value, float) and isnan(value)):
+    if _finite(value) is None:
         return ""
     if isinstance(value, str) and value[:1] in ("=", "+", "-", "@", "\t", "\r"):
         # A spreadsheet would compute it.

@@ -119,7 +119,7 @@ def _changes_table(changes: Sequence[PairedChange]) -> Table:
         Column("quarter, kg", "lower_quartile_kg", 2),
         Column("three quarters, kg", "upper_quartile_kg", 2),
         Column("cheaper than the seed, %", "cheaper_percent"),
-        Column("p, signed ranks", "wilcoxon_p", 4),
+        Column("p, signed ranks", "wilcoxon_p", 4, is_p=True),
     )
     rows = tuple(
         (

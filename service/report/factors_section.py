@@ -4,10 +4,17 @@ from collections.abc import Sequence
 
 from core.analysis.comparison import Comparison, compared
 from core.analysis.facts import SolveFacts
-from core.analysis.study import Summary, grouped, summarized
+from core.analysis.study import grouped
 from service.report.cells import Cell, Column, Table
-from service.report.estimates import SECONDS_PER_HOUR, duration_label, mean_of, number, percent, strategy_key
-from service.report.groups import Groups
+from service.report.estimates import (
+    duration_label,
+    mean_of,
+    number,
+    percent,
+    seconds_per_solution,
+    strategy_key,
+)
+from service.report.groups import Groups, Tally, tally_of
 from service.report.page import Picture, Section
 from service.report.rows_plot import Row, Series, forest
 from service.report.style import BLUE, GREEN
@@ -24,7 +31,7 @@ def mappings_section(groups: Groups) -> Section | None:
     if not by_strategy:
         return None
     found = [
-        summarized(groups.findings, by_strategy[strategy][mapping])
+        (strategy, mapping, tally_of(by_strategy[strategy][mapping]))
         for strategy in sorted(by_strategy, key=strategy_key)
         for mapping in sorted(by_strategy[strategy])
     ]
@@ -45,7 +52,7 @@ def mappings_section(groups: Groups) -> Section | None:
     return Section("mappings", "Mappings", (paragraph,), tuple(tables), (_picture(found),))
 
 
-def _mappings(groups: Sequence[Summary]) -> Table:
+def _mappings(groups: Sequence[tuple[str, str, Tally]]) -> Table:
     columns = (
         Column("strategy", "strategy"),
         Column("mapping", "mapping"),
@@ -57,15 +64,12 @@ def _mappings(groups: Sequence[Summary]) -> Table:
     )
     rows = tuple(
         (
-            one.strategy,
-            one.mapping,
-            one.n_solves,
-            percent(one.paper_ratio),
-            percent(one.strict_ratio),
-            number(one.cost_per_strict.core_hours * SECONDS_PER_HOUR),
+            *(strategy, mapping, one.n_solves),
+            *(percent(one.paper_ratio), percent(one.strict_ratio)),
+            seconds_per_solution(one.core_hours, one.n_solves, one.strict_ratio),
             mean_of(one.delta_v_km_s),
         )
-        for one in groups
+        for strategy, mapping, one in groups
     )
     caption = (
         "All durations together. Intervals of ratios are Wilson's, those of means Student's, both 95 %. A "
@@ -75,13 +79,13 @@ def _mappings(groups: Sequence[Summary]) -> Table:
     return Table("mappings", "Mappings by strategy", caption, columns, rows)
 
 
-def _picture(groups: Sequence[Summary]) -> Picture:
+def _picture(groups: Sequence[tuple[str, str, Tally]]) -> Picture:
     series = (Series("paper's tolerance", BLUE), Series("strict", GREEN, "s"))
     rows = [
-        Row(one.strategy or "", one.mapping or "", (percent(one.paper_ratio), percent(one.strict_ratio)))
-        for one in groups
+        Row(strategy, mapping, (percent(one.paper_ratio), percent(one.strict_ratio)))
+        for strategy, mapping, one in groups
     ]
-    n = sum(one.n_solves for one in groups)
+    n = sum(one.n_solves for _, _, one in groups)
     caption = (
         f"Feasible solutions per solve by strategy and mapping, all durations together, n = {n:,} solves, "
         "logarithmic. Intervals are Wilson's, 95 %. A line without a mark: no solution so far."
@@ -125,12 +129,12 @@ def _tests(
         Column("solves, one", "n_solves_one"),
         Column("solutions, other", "n_solutions_other"),
         Column("solves, other", "n_solves_other"),
-        Column("p of the ratios", "fisher_p", 4),
-        Column("corrected", "fisher_holm_p", 4),
+        Column("p of the ratios", "fisher_p", 4, is_p=True),
+        Column("corrected", "fisher_holm_p", 4, is_p=True),
         Column("median difference, km/s", "median_difference_km_s", 3),
         Column("chance that one is dearer", "dearer", 2),
-        Column("p of the delta-v", "mann_whitney_p", 4),
-        Column("corrected", "mann_whitney_holm_p", 4),
+        Column("p of the delta-v", "mann_whitney_p", 4, is_p=True),
+        Column("corrected", "mann_whitney_holm_p", 4, is_p=True),
     )
     caption = (
         f"{family} Strict solutions; ratios by Fisher's exact test, delta-v of the transfer by Mann and "

@@ -4,7 +4,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from core.analysis.facts import CampaignFacts, SolveFacts
-from core.analysis.study import Findings, Summary, findings_of, summarized
+from core.analysis.metrics import Ratio, Spread, feasibility_ratio, spread
+from core.analysis.study import Findings, Summary, cost_of, findings_of, solutions, summarized
 from service.report.estimates import strategy_key
 
 #: Strategy and duration of the outages [days], None where a case mixes durations.
@@ -20,6 +21,37 @@ class Groups:
     solves: Mapping[Key, Sequence[SolveFacts]]
     #: Of the same groups, at the strict tolerance.
     summaries: Mapping[Key, Summary]
+
+
+@dataclass(frozen=True, slots=True)
+class Tally:
+    """The part of a summary that takes one look at the solves: for groups as many as cases."""
+
+    n_solves: int
+    n_paper: int
+    n_strict: int
+    paper_ratio: Ratio
+    strict_ratio: Ratio
+    core_hours: float
+    #: Of strict solutions; delta-v of the transfer.
+    delta_v_km_s: Spread
+    propellant_kg: Spread
+
+
+def tally_of(solves: Sequence[SolveFacts]) -> Tally:
+    """Return counts, ratios, cost and spreads of a group of solves."""
+    found = solutions(solves, "strict")
+    n_solves, n_paper, n_strict = len(solves), len(solutions(solves, "paper")), len(found)
+    return Tally(
+        n_solves=n_solves,
+        n_paper=n_paper,
+        n_strict=n_strict,
+        paper_ratio=feasibility_ratio(n_paper, n_solves),
+        strict_ratio=feasibility_ratio(n_strict, n_solves),
+        core_hours=cost_of(solves).core_hours,
+        delta_v_km_s=spread([v for one in found if (v := one.delta_v_km_s) is not None]),
+        propellant_kg=spread([v for one in found if (v := one.propellant_kg) is not None]),
+    )
 
 
 def groups_of(facts: CampaignFacts) -> Groups:

@@ -209,7 +209,7 @@ def test_csv_files_hold_the_numbers_of_the_page(written):
 def values(cell):
     """Return the numbers that a cell of the page shows, as texts."""
     text, interval = cell
-    ends = re.split(" to ", interval) if " to " in interval else []
+    ends = interval.removeprefix("at least ").split(" to ")
     return [one for one in (text, *ends) if is_number(one)]
 
 
@@ -272,7 +272,7 @@ def test_a_share_of_zero_is_a_line_and_no_mark():
 def test_numbers_keep_three_digits_and_no_powers_of_ten():
     shown = {0.0: "0", 0.02834: "0.0283", 9.7083: "9.71", 12.0: "12.0", 900.0: "900", 12960.4: "12,960"}
     assert {value: significant(value) for value in shown} == shown
-    four = Column("p", "p", 4)
+    four = Column("p", "p", 4, is_p=True)
     assert [four.shown(value) for value in (0.00001, 0.0312, nan, None)] == ["< 0.0001", "0.0312", "–", "–"]
 
 
