@@ -5,6 +5,7 @@ No solution is flown or solved again for a metric; docs/method.md, section 9.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,8 +52,13 @@ class SolveFacts:
     @property
     def duration_days(self) -> float | None:
         """The duration that all outages share [d]: 0 without outages, None if they differ."""
-        durations = {duration for _, duration in self.outages} or {0.0}
-        return durations.pop() if len(durations) == 1 else None
+        return _shared_duration(self.outages)
+
+
+@lru_cache(maxsize=4096)  # a campaign has few cases and many solves
+def _shared_duration(outages: tuple[tuple[int, float], ...]) -> float | None:
+    durations = {duration for _, duration in outages} or {0.0}
+    return durations.pop() if len(durations) == 1 else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,6 +8,7 @@ records, and None in the rows that are made of them.
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from math import isfinite, nan
+from operator import attrgetter
 from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
@@ -133,8 +134,10 @@ def grouped(
         Attributes of `SolveFacts`: search, strategy, duration_days, mapping, outages and so on.
     """
     groups: dict[tuple[Hashable, ...], list[SolveFacts]] = {}
+    values_of = attrgetter(*by)
     for solve in solves:
-        groups.setdefault(tuple(getattr(solve, name) for name in by), []).append(solve)
+        values = values_of(solve)
+        groups.setdefault(values if len(by) > 1 else (values,), []).append(solve)
     return groups
 
 
