@@ -10,8 +10,10 @@ from service.coordinator import Coordinator
 from workers.process_pool import ProcessPool
 
 #: How often the terminal is drawn again, and a log gets a line [s].
-TERMINAL_PERIOD_S = 0.5
+TERMINAL_PERIOD_S = 1.0
 LOG_PERIOD_S = 20.0
+#: How often it is asked whether all is done [s].
+STATE_PERIOD_S = 0.5
 
 
 def announce(console: Console, coordinator: Coordinator) -> None:
@@ -32,17 +34,21 @@ def run_to_end(console: Console, coordinator: Coordinator, campaign_id: int, n_w
 
 
 def _follow(console: Console, coordinator: Coordinator, campaign_id: int) -> None:
-    view = coordinator.store.campaign(campaign_id)
-    next_line = time.monotonic() + LOG_PERIOD_S
+    store, period = coordinator.store, TERMINAL_PERIOD_S if console.is_terminal else LOG_PERIOD_S
+    view = store.campaign(campaign_id)
+    next_look = time.monotonic() + period
     with Live(terminal.progress(view), console=console, transient=True, auto_refresh=False) as live:
-        while view.state == "active":
-            time.sleep(TERMINAL_PERIOD_S)
+        while store.campaign_state(campaign_id) == "active":
+            time.sleep(STATE_PERIOD_S)
             coordinator.raise_fault()
-            view = coordinator.store.campaign(campaign_id)
+            if time.monotonic() < next_look:
+                # The whole view asks a lot of the archive, and the processor is for the solves.
+                continue
+            next_look += period
+            view = store.campaign(campaign_id)
             if console.is_terminal:
                 live.update(terminal.progress(view), refresh=True)
-            elif time.monotonic() > next_line:
-                next_line += LOG_PERIOD_S
+            else:
                 console.print(terminal.progress_line(view), highlight=False)
 
 
@@ -51,7 +57,7 @@ def serve_until_interrupted(coordinator: Coordinator, n_workers: int) -> None:
     try:
         coordinator.work(ProcessPool(n_workers))
         while True:
-            time.sleep(TERMINAL_PERIOD_S)
+            time.sleep(STATE_PERIOD_S)
             coordinator.raise_fault()
     except KeyboardInterrupt:
         return

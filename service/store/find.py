@@ -18,3 +18,11 @@ def find_campaign(session: Session, name_or_id: str) -> int:
     if found is None:
         raise UnknownRow("campaign", name_or_id)
     return found
+
+
+def campaign_state(session: Session, campaign_id: int) -> str:
+    """Return the state of a campaign."""
+    state = session.scalar(select(CampaignRow.state).where(CampaignRow.id == campaign_id))
+    if state is None:
+        raise UnknownRow("campaign", campaign_id)
+    return state

@@ -5,10 +5,19 @@ from typing import Any, cast
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from service.api.schemas import CampaignItem, CampaignView, CaseView, JobCounts, SearchState, SearchView
+from service.api.schemas import (
+    CampaignItem,
+    CampaignView,
+    CaseView,
+    JobCounts,
+    OutageView,
+    SearchState,
+    SearchView,
+)
 from service.db.counts import counted
-from service.db.tables import CampaignRow, CaseRow, JobRow, ProblemRow, SearchRow, SolutionRow, SolveRow
+from service.db.tables import CampaignRow, CaseRow, JobRow, SearchRow, SolutionRow, SolveRow
 from service.scheduler import plan
+from service.search_spec import SearchSpec
 from service.store.errors import UnknownRow
 from service.store.specs import search_spec, spec_of
 
@@ -83,7 +92,7 @@ def _search(session: Session, campaign: CampaignRow, row: SearchRow) -> SearchVi
         strategy=row.strategy,
         state=cast(SearchState, row.state),
         k=spec.k,
-        cases=_cases(session, row),
+        cases=_cases(session, row, spec),
         mapping=", ".join(spec.mapping) if spec.seeds else None,
         seeds_from=spec.seeds.full_name if spec.seeds else None,
         jobs=JobCounts(**counts),
@@ -96,16 +105,11 @@ def _search(session: Session, campaign: CampaignRow, row: SearchRow) -> SearchVi
     )
 
 
-def _cases(session: Session, row: SearchRow) -> list[CaseView]:
-    query = (
-        select(ProblemRow)
-        .join(CaseRow, CaseRow.problem_hash == ProblemRow.hash)
-        .where(CaseRow.search_id == row.id)
-        .order_by(CaseRow.position)
-    )
+def _cases(session: Session, row: SearchRow, spec: SearchSpec) -> list[CaseView]:
+    query = select(CaseRow.problem_hash).where(CaseRow.search_id == row.id).order_by(CaseRow.position)
     return [
-        CaseView(problem_hash=problem.hash, outages=problem.definition["outages"])
-        for problem in session.scalars(query)
+        CaseView(problem_hash=problem_hash, outages=[OutageView(segment=n, duration_days=d) for n, d in case])
+        for problem_hash, case in zip(session.scalars(query), spec.outage_sets, strict=True)
     ]
 
 

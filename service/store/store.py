@@ -80,6 +80,11 @@ class Store:
         with self._database.read() as session:
             return progress.get_campaign(session, campaign_id, self._clock())
 
+    def campaign_state(self, campaign_id: int) -> str:
+        """Return the state of a campaign alone."""
+        with self._database.read() as session:
+            return find.campaign_state(session, campaign_id)
+
     def campaign_facts(self, campaign_id: int) -> CampaignFacts:
         """Return the facts that the metrics of a campaign are made from."""
         with self._database.read() as session:
