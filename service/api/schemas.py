@@ -121,7 +121,7 @@ class CampaignView(CampaignItem):
     cpu_seconds: float
 
 
-#: One group of solves or solutions: names as in docs/report.md, null where there is no number.
+#: One group: the fields of a record of core.analysis, parts as field_part; null where there is no number.
 MetricsRow = dict[str, str | int | float | None]
 
 
