@@ -16,6 +16,11 @@ from scipy.stats import fisher_exact, mannwhitneyu, wilcoxon
 from core.analysis.facts import SolveFacts
 from core.analysis.metrics import Ratio, Spread, feasibility_ratio, spread
 from core.analysis.study import BY_STRATEGY, Findings, Level, case_name, grouped, shared, solutions
+from core.tolerances import STRICT
+
+#: A change of propellant that the verifier cannot tell from none [kg].  Where a realization costs nothing, a
+#: second solve returns the seed's reference but for 1e-9 kg, and the sign of that means nothing.
+SAME_KG = STRICT.mass_kg
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,9 +38,9 @@ class PairedChange:
     propellant_kg: Spread
     #: Of the transfer.
     delta_v_km_s: Spread
-    #: Share of the pairs in which the solution needs less than its seed.
+    #: Share of the pairs in which the solution needs less than its seed, by more than `SAME_KG`.
     cheaper: Ratio
-    #: Two-sided signed-rank test of the propellant, one number per seed.
+    #: Two-sided signed-rank test of the propellant, one number per seed; less than `SAME_KG` is no change.
     wilcoxon_p: float
 
 
@@ -119,9 +124,13 @@ def paired_change(findings: Findings, solves: Sequence[SolveFacts], level: Level
         n_seeds=len(mass),
         propellant_kg=spread(changes),
         delta_v_km_s=spread(delta_v),
-        cheaper=feasibility_ratio(sum(change < 0.0 for change in changes), len(changes)),
-        wilcoxon_p=wilcoxon_p([float(np.mean(pairs)) for pairs in mass.values()]),
+        cheaper=feasibility_ratio(sum(change < -SAME_KG for change in changes), len(changes)),
+        wilcoxon_p=wilcoxon_p([_told(float(np.mean(pairs))) for pairs in mass.values()]),
     )
+
+
+def _told(change_kg: float) -> float:
+    return 0.0 if abs(change_kg) <= SAME_KG else change_kg
 
 
 def wilcoxon_p(changes: ArrayLike) -> float:

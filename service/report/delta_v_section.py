@@ -136,7 +136,7 @@ def _changes_table(changes: Sequence[PairedChange]) -> Table:
     caption = (
         "Propellant of the solution minus that of its seed, strict solutions. The interval of a mean is "
         "Student's, that of a share Wilson's, both 95 %; the test is Wilcoxon's, two-sided, with one "
-        "number per seed."
+        "number per seed. A change of 0.01 kg or less counts as none in the last two columns."
     )
     return Table("paired-changes", "Paired change of propellant", caption, columns, rows)
 

@@ -97,6 +97,14 @@ def test_a_solution_is_compared_with_its_own_seed():
     assert found.wilcoxon_p == 1.0
 
 
+def test_a_change_that_no_verifier_can_tell_is_none():
+    seeds = [solved(name, 300.0) for name in "abcdef"]
+    same = [child(f"{name}1", name, 300.0 - 1e-9) for name in "abcde"]
+    (found,) = paired_changes(findings_of(campaign(*seeds, *same, child("f1", "f", 299.0))))
+    # One of six by a kilogram; the strict tolerance of masses is 0.01 kg.
+    assert (found.propellant_kg.n, found.cheaper.value, found.wilcoxon_p) == (6, 1 / 6, 1.0)
+
+
 def test_pairs_need_a_solution_at_the_level_and_a_seed_that_is_known():
     solves = [
         solved("a", 300.0, is_strict=False),
