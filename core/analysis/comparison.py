@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.stats import fisher_exact, mannwhitneyu, wilcoxon
 
-from core.analysis.facts import SolveFacts
+from core.analysis.facts import Level, SolveFacts
 from core.analysis.metrics import Ratio, Spread, feasibility_ratio, spread
-from core.analysis.study import BY_STRATEGY, Findings, Level, case_name, grouped, shared, solutions
+from core.analysis.study import BY_STRATEGY, Findings, case_name, grouped, shared, solutions
 from core.tolerances import STRICT
 
 #: A change of propellant that the verifier cannot tell from none [kg].  Where a realization costs nothing, a

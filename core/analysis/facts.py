@@ -6,6 +6,7 @@ No solution is flown or solved again for a metric; docs/method.md, section 9.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from core.problem import Problem
 
 Array = NDArray[np.float64]
+Level = Literal["paper", "strict"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +28,8 @@ class SolveFacts:
     strategy: str
     k: int
     seed_k: int | None
+    #: Tolerance at which a solution of that search could be a seed, "paper" or "strict"; None without seeds.
+    seed_level: Level | None
     #: (segment, duration [d]) of each outage of its case.
     outages: tuple[tuple[int, float], ...]
     #: The concrete mapping, None without a seed.

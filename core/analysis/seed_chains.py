@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from math import nan
 from typing import Literal
 
-from core.analysis.facts import SolveFacts
+from core.analysis.facts import Level, SolveFacts
 from core.analysis.metrics import Estimate, Ratio, feasibility_ratio, product_ratio, propagated
-from core.analysis.study import Findings, Level, cost_of, grouped, shared, solutions
+from core.analysis.study import Findings, cost_of, grouped, shared, solutions
 
 #: As spent, as allowed by the cap, or as the paper charges: fields of `core.analysis.study.Cost`.
 Currency = Literal["core_hours", "cap_hours", "charged_hours"]
@@ -60,6 +60,7 @@ class Cumulative:
     strategy: str
     duration_days: float | None
     mapping: str | None
+    #: Of its own solutions; its seeds count at the level at which it took them.
     level: Level
     currency: Currency
     #: Product of the ratios.
@@ -149,7 +150,8 @@ def seed_chains(
     findings : Findings
         Of a campaign.
     level : "paper" or "strict"
-        Tolerance at which solutions are counted, all along the chain.
+        Tolerance at which the solutions of each search are counted; those of the searches behind it count at
+        the level at which they could be seeds.
     currency : "core_hours", "cap_hours" or "charged_hours"
         What is counted.
     by : sequence of str
@@ -166,40 +168,41 @@ def seed_chains(
     """
     if "search" not in by:
         raise ValueError(f"groups: expected search among the attributes, got {', '.join(by)}")
-    chains = _Chains(findings, level, currency)
+    chains = _Chains(findings, currency)
     groups = grouped(findings.facts.solves, by).values()
-    return tuple(_cumulative(chains.links(group), group, level, currency) for group in groups)
+    return tuple(_cumulative(chains.links(group, level), group, level, currency) for group in groups)
 
 
 class _Chains:
     """Follows the solves of a campaign back to those that found their seeds."""
 
-    def __init__(self, findings: Findings, level: Level, currency: Currency) -> None:
-        self.findings, self.level, self.currency = findings, level, currency
+    def __init__(self, findings: Findings, currency: Currency) -> None:
+        self.findings, self.currency = findings, currency
         self.groups = grouped(findings.facts.solves, ("search", "duration_days"))
-        self.known: dict[tuple[str, frozenset[float | None]], list[Link]] = {}
+        self.known: dict[tuple[str, frozenset[float | None], Level], list[Link]] = {}
 
-    def links(self, solves: Sequence[SolveFacts]) -> list[Link]:
+    def links(self, solves: Sequence[SolveFacts], level: Level) -> list[Link]:
         """Return the seed chain of some solves of one search, the search without seeds first."""
         if not solves:
             return [_UNKNOWN]
         seeds = {solve.seed_id for solve in solves if solve.seed_id is not None}
-        n_solutions = len(solutions(solves, self.level))
+        n_solutions = len(solutions(solves, level))
         hours = float(getattr(cost_of(solves), self.currency))
         link = Link(solves[0].strategy, len(solves), n_solutions, len(seeds), hours)
-        source = solves[0].seeds_from
-        if source is None:
+        source, seed_level = solves[0].seeds_from, solves[0].seed_level
+        if source is None or seed_level is None:
             return [link]
         found = [self.findings.found_by[name] for name in seeds if name in self.findings.found_by]
-        return [*self._source(source, frozenset(solve.duration_days for solve in found)), link]
+        durations = frozenset(solve.duration_days for solve in found)
+        return [*self._source(source, durations, seed_level), link]
 
-    def _source(self, search: str, durations: frozenset[float | None]) -> list[Link]:
-        key = search, durations
+    def _source(self, search: str, durations: frozenset[float | None], level: Level) -> list[Link]:
+        key = search, durations, level
         if key not in self.known:
             # Stands there while we ask, so that a search that lives on itself ends in the unknown.
             self.known[key] = [_UNKNOWN]
             givers = [one for days in durations for one in self.groups.get((search, days), ())]
-            self.known[key] = self.links(givers)
+            self.known[key] = self.links(givers, level)
         return self.known[key]
 
 

@@ -9,17 +9,16 @@ from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from math import isfinite, nan
 from operator import attrgetter
-from typing import Any, Literal, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from core.analysis.distinct import DISTINCT, clusters, feature_rows
-from core.analysis.facts import CampaignFacts, SolveFacts
+from core.analysis.facts import CampaignFacts, Level, SolveFacts
 from core.analysis.metrics import BestOf, Ratio, Spread, best_of, feasibility_ratio, spread
 
 Array = NDArray[np.float64]
-Level = Literal["paper", "strict"]
 _T = TypeVar("_T")
 
 #: What the paper charges per guess, whatever it used [core-hours for P_0; P_k costs 1 + k times as much].

@@ -56,7 +56,8 @@ def _table(chains: Sequence[Cumulative]) -> Table:
         costs = (in_seconds(one.hours), in_seconds(one.full_hours), in_seconds(one.shared_hours))
         rows.append((*ours, percent(one.ratio), *costs, *_paper_cells(_paper(one))))
     caption = (
-        "Each search with the searches its seeds come from, at the paper's tolerance; CPU time per solution. "
+        "Each search at the paper's tolerance, the searches that its seeds come from at the one at which it "
+        "takes seeds; CPU time per solution. "
         "Intervals, 95 %, combine the Wilson intervals of the ratios along the seed chain."
     )
     return Table("cumulative", "Seed chains", caption, COLUMNS, tuple(rows))

@@ -72,6 +72,7 @@ def _of_search(search: SearchSpec) -> dict[str, Any]:
         "strategy": search.strategy,
         "k": search.k,
         "seed_k": search.seed_k,
+        "seed_level": search.seeds.tolerance if search.seeds else None,
         "cap_seconds": search.cpu_seconds * (1 + search.k),
     }
 

@@ -32,6 +32,7 @@ def solve(number, propellant_kg=None, strict=True, seed=None, mapping=None):
         strategy="S(1|0)" if k else "S(0)",
         k=k,
         seed_k=0 if k else None,
+        seed_level="strict" if k else None,
         outages=OUTAGE * k,
         mapping=mapping,
         chain=f"{number:032x}",

@@ -93,6 +93,18 @@ def test_a_chain_is_followed_from_search_to_search():
     assert last.shared_hours.value == pytest.approx(5.0, rel=1e-14)  # rounding
 
 
+@pytest.mark.parametrize(("seed_level", "hours"), [("strict", 5.0), ("paper", 3.0)])
+def test_seeds_count_at_the_level_at_which_they_are_taken(seed_level, hours):
+    # Two solutions at the paper's tolerance for 4 h, of which one is strict; then one solve of 1 h.
+    solves = [
+        *(solved("a", cpu_seconds=7200.0), solved("b", is_strict=False, cpu_seconds=7200.0)),
+        seeded("c", "a", 4, source="S(0)", k=0, seed_level=seed_level, cpu_seconds=3600.0),
+    ]
+    for level in ("paper", "strict"):
+        found = seed_chains(findings_of(campaign(*solves)), level)[1]
+        assert found.full_hours.value == pytest.approx(hours, rel=1e-14)  # rounding
+
+
 def test_seeds_cost_what_they_cost_at_their_own_duration():
     solves = [
         *(
