@@ -107,13 +107,17 @@ def _add_cases(session: Session, row: SearchRow, problems: Sequence[Problem]) ->
 
 
 def advance(session: Session, campaign: CampaignRow, now: float) -> None:
-    """Plan what the searches of a campaign need now, and end those that need nothing more."""
+    """Plan what the searches of a campaign need now, and end those that need nothing more.
+
+    So do the campaigns that live on its seeds, and those that live on theirs; each is younger than its
+    source, so this ends.
+    """
     _advance_one(session, campaign, now)
     own = select(SearchRow.id).where(SearchRow.campaign_id == campaign.id)
     fed = select(SearchRow.campaign_id).where(SearchRow.source_id.in_(own))
     others = (CampaignRow.id.in_(fed)) & (CampaignRow.id != campaign.id) & (CampaignRow.state == "active")
-    for other in session.scalars(select(CampaignRow).where(others)):
-        _advance_one(session, other, now)
+    for other in session.scalars(select(CampaignRow).where(others)).all():
+        advance(session, other, now)
 
 
 def _advance_one(session: Session, campaign: CampaignRow, now: float) -> None:

@@ -6,8 +6,8 @@ import pytest
 
 from core.problem import problem_from
 from service.scheduler import plan
-from service.spec import SpecError, spec_from
-from service.store import Store, StoreError
+from service.spec import spec_from
+from service.store import Store
 from service.store.archive import solution_hash
 from service.store.records import Filter
 from tests.service.campaigns import OUTAGE, content, finish, spec_fields, submitted
@@ -273,50 +273,6 @@ def test_a_campaign_of_several_cases_and_mappings_runs_to_its_end(store):
     records = store.all_records(Filter(search="s2-1"))
     assert {r.mapping for r in records} == {"reference", "reference(1,1)"}
     assert {r.problem_hash for r in records} == {case.problem_hash for case in view["s2-1"].cases}
-
-
-def seeded_elsewhere(**seeds):
-    """Return a campaign that lives on the solutions of another one."""
-    search = {"id": "s1-0", "strategy": "S(1|0)", "outages": [OUTAGE]}
-    search["seeds"] = {"campaign": "test", "from": "s0"} | seeds
-    return spec_fields(campaign={"name": "later", "rng_seed": 8}, search=[search])
-
-
-@pytest.mark.parametrize("seeds", [{}, {"order": "delta_v"}])
-def test_seeds_come_from_a_campaign_that_has_ended(store, seeds):
-    submitted(store)
-    finish(store)
-    n_solutions = searches(store)["s0"].n_solutions
-    submitted(store, seeded_elsewhere(**seeds))
-    finish(store)
-    later = searches(store, 2)["s1-0"]
-    assert later.n_solves == searches(store)["s0"].n_strict < n_solutions + 1
-    assert (later.seeds_from, store.campaign(2).state) == ("test/s0", "done")
-
-
-@pytest.mark.parametrize("seeds", [{}, {"order": "delta_v"}])
-def test_seeds_come_from_a_campaign_that_goes_on(store, seeds):
-    submitted(store, spec_fields(guesses=20))
-    finish(store, n_steps=2)
-    submitted(store, seeded_elsewhere(**seeds))
-    finish(store)
-    assert searches(store, 2)["s1-0"].n_solves == searches(store)["s0"].n_strict
-    assert store.campaign(2).state == "done"
-
-
-def test_seeds_of_another_campaign_that_do_not_fit_are_refused_and_nothing_is_stored(store):
-    submitted(store)
-    other = seeded_elsewhere()
-    other["problem"] = {"preset": "ppe-drm3", "n_segments": 40}
-    with pytest.raises(SpecError, match="expected the same reference problem"):
-        submitted(store, other)
-    with pytest.raises(SpecError, match="expected a search of campaign test, got 's7'"):
-        submitted(store, seeded_elsewhere(**{"from": "s7"}))
-    with pytest.raises(SpecError, match=r"expected a search of S\(0...\) for S\(1\|0\)"):
-        submitted(store, seeded_elsewhere(**{"from": "s1-0"}))
-    with pytest.raises(StoreError, match="campaign never: expected one that exists"):
-        submitted(store, seeded_elsewhere(campaign="never"))
-    assert len(store.campaigns()) == 1
 
 
 def test_facts_of_a_campaign_are_those_of_its_records(store):
