@@ -41,8 +41,9 @@ class LocalSource:
         return self._store.claim(worker, n_jobs, self._campaign_id)
 
     def heartbeat(self, worker: str, held: Iterable[Ticket]) -> Sequence[Ticket]:
-        """Return what is to be cancelled: nothing, since these workers end with this process."""
-        return ()
+        """Extend the leases; return what is to be cancelled, or somebody else's by now."""
+        answer = self._store.heartbeat(worker, held)
+        return [Ticket(job.job_id, job.attempt) for job in (*answer.to_cancel, *answer.not_held)]
 
     def complete(self, ticket: Ticket, outcome: JobOutcome) -> None:
         """Take back an outcome."""

@@ -217,7 +217,7 @@ class HeldJob(Message):
 
 
 #: The tickets of one heartbeat, at most.
-MOST_HELD = 10_000
+MOST_HELD = 5000
 HeldJobs = Annotated[tuple[HeldJob, ...], Field(max_length=MOST_HELD)]
 
 

@@ -21,9 +21,10 @@ from service.db.tables import (
     SolveRow,
 )
 from service.scheduler import plan
+from service.scheduler.states import ENDED
 from service.store.events import note
 from service.store.specs import search_spec, spec_of
-from service.store.submission import add_job, progress_of
+from service.store.submission import add_jobs, progress_of
 from workers.job import SolveRecord
 
 #: Fields of a record that a row takes over as they are.
@@ -50,17 +51,18 @@ def solution_hash(problem_hash: str, x: Any) -> str:
 
 def add_solve(
     session: Session, campaign: CampaignRow, search: SearchRow, job: JobRow, record: SolveRecord, now: float
-) -> None:
-    """Store a solve and what it found, unless an earlier attempt had handed in the same hop."""
+) -> bool:
+    """Store a solve and what it found, unless an earlier attempt had handed in the same hop; tell which."""
     solution_id = _add_solution(session, job, record, now)
     is_new = insert_new(session, SolveRow, _solve_values(job, record, solution_id, now))
     if solution_id is None or not is_new:
-        return
+        return is_new
     _announce(session, campaign, search, solution_id, now)
     if job.seed_id is not None and job.seed_id != solution_id:
         link = {"solution_id": solution_id, "seed_id": job.seed_id, "mapping": job.mapping}
         insert_new(session, SeedLinkRow, link)
     _plan_seeded(session, campaign, job, record, solution_id, now)
+    return True
 
 
 def _solve_values(job: JobRow, record: SolveRecord, solution_id: str | None, now: float) -> dict[str, Any]:
@@ -144,10 +146,8 @@ def _plan_seeded(
         # Another campaign may feed on this one.
         owner = session.get_one(CampaignRow, row.campaign_id)
         search = search_spec(owner, row)
-        is_open = row.state in ("waiting", "active")
-        if search.seeds is None or not search.is_immediate or not is_open:
+        if search.seeds is None or not search.is_immediate or row.state in ENDED:
             continue
         is_good = record.certificate.strict or search.seeds.tolerance == "paper"
         if is_good and not plan.is_exhausted(search, progress_of(session, search, row, False)):
-            for planned in plan.map_jobs(spec_of(owner), search, seed):
-                add_job(session, search, row, planned, now)
+            add_jobs(session, search, row, plan.map_jobs(spec_of(owner), search, seed), now)
