@@ -239,6 +239,51 @@ class ProblemPage(Answer):
     items: list[ProblemItem]
 
 
+class PriorityWanted(BaseModel):
+    """Another priority; lower goes first."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    priority: int = Field(ge=-1_000_000, le=1_000_000)
+
+
+class WeightWanted(BaseModel):
+    """Another weight; a search of weight 2 gets twice the processor time of one of weight 1."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    weight: float = Field(ge=1e-3, le=1e6, allow_inf_nan=False)
+
+
+class SeedView(Answer):
+    """A solution that would seed a problem, and how."""
+
+    seed_id: str
+    seed_problem_hash: str
+    seed_outages: list[OutageView]
+    delta_v_km_s: float
+    time_of_flight_days: float
+    strict: bool
+    #: The case that it would be mapped to: its problem and its outages.
+    problem_hash: str
+    outages: list[OutageView]
+    #: The one concrete mapping.
+    mapping: str
+    #: The job that does it, where a search is asked about and has planned it.
+    job_id: int | None = None
+    job_state: JobState | None = None
+
+
+class SeedPage(Answer):
+    """Seeds in the order in which they would be mapped."""
+
+    items: list[SeedView]
+    #: Solutions that may be seeds, before the limit.
+    n_candidates: int
+    #: Whether there are more pairs of seed and mapping than are listed.
+    is_cut: bool
+
+
 class JobView(Answer):
     """A job: a block of hops of one chain, or one seed mapped and solved."""
 

@@ -4,8 +4,6 @@ They come with the tables and go with them; a migration that builds one of the t
 statements again.
 """
 
-from typing import Any
-
 from sqlalchemy import DDL, Table, event
 
 from service.scheduler.states import TRANSITIONS, pairs
@@ -37,5 +35,5 @@ def guard_transitions(table: Table) -> None:
     for dialect in ("sqlite", "postgresql"):
         for statement in transition_triggers(table.name, dialect):
             # DDL formats its text with %.
-            ddl: Any = DDL(statement.replace("%", "%%")).execute_if(dialect=dialect)
-            event.listen(table, "after_create", ddl)
+            ddl = DDL(statement.replace("%", "%%"))  # type: ignore[no-untyped-call]
+            event.listen(table, "after_create", ddl.execute_if(dialect=dialect))

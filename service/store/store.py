@@ -1,7 +1,7 @@
 """The archive behind one narrow interface; every call is one transaction."""
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -11,6 +11,7 @@ from sqlalchemy import text
 from core.analysis.facts import CampaignFacts
 from service.api import schemas
 from service.db.engine import Database
+from service.db.place import place_of
 from service.scheduler.leases import LeaseSettings
 from service.spec import Spec
 from service.store import (
@@ -24,6 +25,7 @@ from service.store import (
     leases,
     progress,
     records,
+    seeds,
     submission,
     workers,
 )
@@ -31,12 +33,11 @@ from service.store.control import Verb
 from service.store.errors import StoreError, UnknownRow
 from service.store.identity import Identities
 from service.store.records import Filter
+from service.store.seeds import SeedsWanted
 from workers.executor import Ticket
 from workers.job import Claim, CompleteAnswer, HeartbeatAnswer, JobOutcome, WorkerInfo
 
 __all__ = ["Store", "StoreError", "UnknownRow"]
-
-FILE_NAME = "coastarc.db"
 
 
 class Store:
@@ -53,7 +54,7 @@ class Store:
         self.folder = folder
         self.leases = leases
         self._clock = clock
-        self._database = Database(folder / FILE_NAME, read_only=read_only)
+        self._database = Database(place_of(folder), read_only=read_only)
 
     def __enter__(self) -> Self:
         """Give the store; it is closed at the end of the block."""
@@ -214,6 +215,22 @@ class Store:
         """Return a job."""
         with self._database.read() as session:
             return catalogue.get_job(session, job_id)
+
+    def seeds_of_search(self, campaign_id: int, search: str, wanted: SeedsWanted) -> schemas.SeedPage:
+        """Return what would seed a search, and how."""
+        with self._database.read() as session:
+            return seeds.seeds_of_search(session, campaign_id, search, wanted)
+
+    def seeds_of_problem(
+        self,
+        problem_hash: str,
+        outages: Sequence[tuple[int, float]] | None,
+        seed_k: int | None,
+        wanted: SeedsWanted,
+    ) -> schemas.SeedPage:
+        """Return which solutions of the archive would seed a problem, and how."""
+        with self._database.read() as session:
+            return seeds.seeds_of_problem(session, problem_hash, outages, seed_k, wanted)
 
     def workers(self) -> schemas.WorkerPage:
         """Return the workers that have registered, with the jobs that they hold."""

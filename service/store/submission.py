@@ -90,7 +90,7 @@ def _take_known_seeds(session: Session, campaign: CampaignRow, now: float) -> No
     for row in session.scalars(select(SearchRow).where(SearchRow.campaign_id == campaign.id)):
         search = search_spec(campaign, row)
         if search.seeds is not None and search.is_immediate:
-            for seed in candidates(session, campaign, row):
+            for seed in candidates(session, campaign, row, search):
                 add_jobs(session, search, row, plan.map_jobs(spec, search, seed), now)
 
 
@@ -195,12 +195,14 @@ def _chosen_seeds(
         return []
     if plan.is_exhausted(search, progress):
         return []
-    return plan.jobs_of_seeds(spec_of(campaign), search, candidates(session, campaign, row))
+    return plan.jobs_of_seeds(spec_of(campaign), search, candidates(session, campaign, row, search))
 
 
-def candidates(session: Session, campaign: CampaignRow, row: SearchRow) -> list[Candidate]:
+def candidates(
+    session: Session, campaign: CampaignRow, row: SearchRow, search: SearchSpec
+) -> list[Candidate]:
     """Return the different solutions of the source of a search, each at its first address."""
-    seeds = search_spec(campaign, row).seeds
+    seeds = search.seeds
     assert seeds is not None
     is_good = SolveRow.strict if seeds.tolerance == "strict" else SolveRow.paper
     query = (
