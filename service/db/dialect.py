@@ -8,7 +8,7 @@ from sqlalchemy.orm import Session
 
 from service.db.tables import Base
 
-INSERTS = {"sqlite": sqlite.insert, "postgresql": postgresql.insert}
+INSERTS: dict[str, Any] = {"sqlite": sqlite.insert, "postgresql": postgresql.insert}
 #: Where alembic keeps the revision; its name is the schema version in four digits.
 VERSION_TABLE = "alembic_version"
 VERSION_TABLE_SQL = (
