@@ -19,12 +19,14 @@ from service import terminal
 from service.api.schemas import CampaignView, JobView
 from service.cli_bench import bench
 from service.cli_run import announce, run_to_end, serve_until_interrupted
+from service.cli_token import TokenError, token
 from service.coordinator import Coordinator, CoordinatorError
 from service.db.engine import DatabaseError
 from service.doctor import check_all
 from service.lock import LockError
 from service.resolve import require_flyable
 from service.security import BindError
+from service.settings import SettingsError
 from service.spec import SpecError, load_spec
 from service.store import Store, StoreError
 from service.store.records import Filter
@@ -38,6 +40,8 @@ USER_ERRORS = (
     DatabaseError,
     LockError,
     BindError,
+    SettingsError,
+    TokenError,
     CoordinatorError,
     ExecutorError,
 )
@@ -51,6 +55,7 @@ app = typer.Typer(
 solutions = typer.Typer(help="Look at solutions.", no_args_is_help=True)
 app.add_typer(solutions, name="solutions")
 app.add_typer(bench, name="bench")
+app.add_typer(token, name="token")
 # What is piped into a file has no width to respect.
 console = Console(width=None if sys.stdout.isatty() else 140)
 errors = Console(stderr=True)
