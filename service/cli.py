@@ -18,6 +18,7 @@ from rich.text import Text
 from service import terminal
 from service.api.schemas import CampaignView, JobView
 from service.cli_bench import bench
+from service.cli_db import db
 from service.cli_run import announce, run_to_end, serve_until_interrupted
 from service.cli_token import TokenError, token
 from service.coordinator import Coordinator, CoordinatorError
@@ -55,6 +56,7 @@ app = typer.Typer(
 solutions = typer.Typer(help="Look at solutions.", no_args_is_help=True)
 app.add_typer(solutions, name="solutions")
 app.add_typer(bench, name="bench")
+app.add_typer(db, name="db")
 app.add_typer(token, name="token")
 # What is piped into a file has no width to respect.
 console = Console(width=None if sys.stdout.isatty() else 140)
