@@ -6,6 +6,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from core.ephemeris.kernels import KernelError, furnish
 from service.api.context import StoreHere
 from service.api.schemas import Health
+from service.db.errors import DatabaseError
 from service.store import Store
 
 router = APIRouter(tags=["health"])
@@ -31,6 +32,8 @@ def _archive(store: Store) -> str:
         store.check()
     except SQLAlchemyError as error:
         return str(error.__cause__ or error).splitlines()[0]
+    except DatabaseError as error:
+        return str(error)
     return "ok"
 
 
