@@ -2,7 +2,8 @@
 
 Numba notices a change in the file of a kernel, but not in a file that the kernel calls into.  So the
 cache folder is named by a hash of all sources that a kernel can see, those from transcription downwards:
-changed code never meets stale machine code.
+changed code never meets stale machine code.  It is named by their place as well: numba asks for the times of
+the files too, and two copies of coastarc would throw away each other's kernels.
 """
 
 import hashlib
@@ -21,9 +22,10 @@ KERNEL_FOLDERS = ("", "ephemeris", "orbits", "dynamics", "transcription")
 
 
 def _sources_digest() -> str:
-    digest = hashlib.blake2b(numba.__version__.encode(), digest_size=8)
+    place = Path(__file__).parent
+    digest = hashlib.blake2b(f"{numba.__version__} {place}".encode(), digest_size=8)
     for folder in KERNEL_FOLDERS:
-        for path in sorted((Path(__file__).parent / folder).glob("*.py")):
+        for path in sorted((place / folder).glob("*.py")):
             digest.update(path.read_bytes())
     return digest.hexdigest()
 
