@@ -5,6 +5,7 @@ the 12 ms that an outcome takes.
 """
 
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import Enum
@@ -20,6 +21,7 @@ from service.db.dialect import create_tables, is_empty, read_version
 from service.db.errors import DatabaseError, WriteFault, unusable, write_fault
 from service.db.place import Place, shown
 from service.db.tables import SCHEMA_VERSION
+from service.db.write_times import WriteTimes
 
 __all__ = ["Database", "DatabaseError", "Moment", "WriteFault", "unusable"]
 
@@ -41,6 +43,7 @@ class Database:
         self.name = shown(place)
         #: Called in every write; what it raises ends the write.
         self.hook: Callable[[Moment], None] = lambda moment: None
+        self.write_times = WriteTimes()
         self._lock = threading.Lock()
         self._writer: Engine | None = None
         if isinstance(place, Path):
@@ -62,6 +65,7 @@ class Database:
             raise DatabaseError(
                 f"archive: expected to be opened for writing, got read-only access to {self.name}"
             )
+        begin = time.perf_counter()
         with self._lock:
             try:
                 with Session(self._writer, expire_on_commit=False) as session, session.begin():
@@ -70,8 +74,10 @@ class Database:
                     self.hook(Moment.BEFORE_COMMIT)
             except DBAPIError as error:
                 if fault := write_fault(self.name, error):
+                    self.write_times.add_fault()
                     raise fault from error
                 raise
+        self.write_times.add(time.perf_counter() - begin)
         self.hook(Moment.AFTER_COMMIT)
         return answer
 

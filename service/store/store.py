@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from sqlalchemy import text
 
 from core.analysis.facts import CampaignFacts
 from service.api import schemas
@@ -31,6 +30,7 @@ from service.store import (
 )
 from service.store.control import Verb
 from service.store.errors import StoreError, UnknownRow
+from service.store.gauges import Gauges, require_writable
 from service.store.identity import Identities
 from service.store.records import Filter
 from service.store.seeds import SeedsWanted
@@ -55,6 +55,8 @@ class Store:
         self.leases = leases
         self._clock = clock
         self._database = Database(place_of(folder), read_only=read_only)
+        #: What operators watch.
+        self.gauges = Gauges(self._database, clock, leases.lease_s)
 
     def __enter__(self) -> Self:
         """Give the store; it is closed at the end of the block."""
@@ -248,8 +250,8 @@ class Store:
             return events.last_event_id(session, campaign)
 
     def check(self) -> None:
-        """Raise unless the archive can be read and written."""
-        self._database.write(lambda session: session.execute(text("SELECT 1")))
+        """Raise unless the archive takes a write and is of this version."""
+        self._database.write(require_writable)
 
     @property
     def identities(self) -> Identities:
