@@ -1,4 +1,4 @@
-"""The store's contract on PostgreSQL: the tests of the SQLite archive again, each in a new database."""
+"""What PostgreSQL does for an archive, and how it is reached."""
 
 import threading
 
@@ -9,30 +9,9 @@ from sqlalchemy.exc import InternalError
 from service.db.engine import Database, DatabaseError, WriteFault
 from service.db.place import URL_VARIABLE, database_url, place_of, shown
 from service.db.tables import CampaignRow, EventRow
-from service.store import Store
-from tests.service import test_store as contract
-from tests.service.databases import needs_postgres, rows
+from tests.service.databases import needs_postgres
 
 pytestmark = [pytest.mark.postgres, needs_postgres]
-
-#: What says something of SQLite's file, or takes long and shows no more here.
-ELSEWHERE = {
-    "test_states_that_do_not_exist_are_refused_by_the_database",
-    "test_two_workers_one_worker_and_none_find_the_same",
-    "test_killing_workers_changes_nothing_in_what_is_found",
-    "test_seeds_come_from_a_campaign_that_goes_on",
-    "test_ordered_seeds_are_chosen_once",
-}
-for name in dir(contract):
-    if name.startswith("test_") and name not in ELSEWHERE:
-        globals()[name] = getattr(contract, name)
-
-
-@pytest.fixture
-def store(archives_on_postgres, monkeypatch, tmp_path):
-    monkeypatch.setattr(contract, "rows", rows)
-    with Store(tmp_path) as opened:
-        yield opened
 
 
 @pytest.fixture
