@@ -8,6 +8,7 @@ from fastapi import FastAPI
 from service.api import campaigns, events, health, jobs, pages, problems, seeds, session, solutions, tokens
 from service.api.errors import REFUSALS, add_error_handlers
 from service.guard import Guard
+from service.limits import Streams
 from service.security import Access, access_on
 from service.settings import Settings
 from service.store import Store
@@ -52,5 +53,6 @@ def create_app(
     app.include_router(health.router, prefix="/api/v1", include_in_schema=False)
     app.include_router(pages.router)
     app.include_router(session.pages)
-    app.add_middleware(Guard, store=store, access=access)
+    app.state.streams = Streams(access.settings.streams_per_client)
+    app.add_middleware(Guard, store=store, access=access, streams=app.state.streams)
     return app

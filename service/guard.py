@@ -79,7 +79,7 @@ class Visit:
 class Guard:
     """Lets requests through to the application, or answers them itself."""
 
-    def __init__(self, app: ASGIApp, *, store: Store, access: Access) -> None:
+    def __init__(self, app: ASGIApp, *, store: Store, access: Access, streams: Streams) -> None:
         settings = access.settings
         self._app = app
         self._store = store
@@ -88,7 +88,7 @@ class Guard:
         self._people = Buckets(settings.requests_per_second, settings.request_burst)
         self._workers = Buckets(settings.worker_requests_per_second, settings.worker_request_burst)
         self._nobody = Buckets(NOBODYS_AUDIT_PER_S, NOBODYS_AUDIT_BURST)
-        self._streams = Streams(settings.streams_per_client)
+        self._streams = streams
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Check, then pass on."""

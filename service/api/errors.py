@@ -39,11 +39,12 @@ def problem_response(
     status: int, detail: str, headers: Mapping[str, str] | None = None, code: str | None = None
 ) -> JSONResponse:
     """Return a refusal; `code` is for programs that must tell refusals of one status apart."""
-    fault = Fault(title=HTTPStatus(status).phrase, status=status, detail=detail).model_dump()
-    if code is not None:
-        fault["code"] = code
+    fault = Fault(title=HTTPStatus(status).phrase, status=status, detail=detail, code=code)
     return JSONResponse(
-        fault, status_code=status, media_type="application/problem+json", headers=dict(headers or {})
+        fault.model_dump(exclude_none=True),
+        status_code=status,
+        media_type="application/problem+json",
+        headers=dict(headers or {}),
     )
 
 

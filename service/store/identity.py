@@ -9,7 +9,7 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import Any
 
-from sqlalchemy import delete, select, update
+from sqlalchemy import ColumnElement, delete, select, update
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
@@ -65,6 +65,8 @@ class Identities:
         def work(session: Session) -> NewToken:
             now = self._clock()
             session.execute(_revocation(now).where(TokenRow.name == name))
+            # A program that is restarted for months must not leave a row each time.
+            _forget(session, TokenRow.name == name)
             return _create(session, name, role, days, now)
 
         return self._database.write(work)
@@ -168,6 +170,14 @@ def _revoke(session: Session, name_or_id: str, now: float) -> TokenView:
 
 def _revocation(now: float) -> Any:
     return update(TokenRow).where(TokenRow.revoked_at.is_(None)).values(revoked_at=now)
+
+
+def _forget(session: Session, which: ColumnElement[bool]) -> None:
+    """Delete revoked tokens that the audit does not name."""
+    named = select(AuditRow.id).where(AuditRow.token_id == TokenRow.id).exists()
+    ended = list(session.scalars(select(TokenRow.id).where(which, TokenRow.revoked_at.is_not(None), ~named)))
+    session.execute(delete(SessionRow).where(SessionRow.token_id.in_(ended)))
+    session.execute(delete(TokenRow).where(TokenRow.id.in_(ended)))
 
 
 def _token(session: Session, written: str, now: float) -> TokenRow:

@@ -4,6 +4,7 @@ import sqlite3
 import pytest
 from fastapi.testclient import TestClient
 
+from service.api.jobs import HEARTBEAT
 from service.app import create_app
 from service.rights import ANYONE, RIGHTS, WORKERS, Role, least
 from service.route_index import lines_of
@@ -95,7 +96,15 @@ def test_without_a_token_in_force_no_route_answers(client, store, clock, line):
     clock.now += 86401.0
     revoked = store.identities.create("revoked", Role.ADMIN, 1.0).token
     store.identities.revoke("revoked")
-    wrong = [new_secret().written(), "coastarc", "", f"{revoked}x", revoked[:-1] + "-"]
+    good = store.identities.create("good", Role.ADMIN, 1.0).token
+    # The last one has the id of a token in force, and a secret that differs in one sign.
+    wrong = [
+        new_secret().written(),
+        "coastarc",
+        "",
+        f"{good}x",
+        good[:-1] + ("A" if good[-1] != "A" else "B"),
+    ]
     for headers in [{}, *map(bearer, [expired, revoked, *wrong]), {"Authorization": "Basic YTpi"}]:
         answer = send(client, line, headers)
         assert answer.status_code == 401 and answer.headers["www-authenticate"].startswith("Bearer")
@@ -168,12 +177,22 @@ def test_replacing_a_token_ends_the_one_before(store):
     first = store.identities.replace("dispatcher", Role.WORKER, 1.0)
     second = store.identities.replace("dispatcher", Role.WORKER, 1.0)
     assert store.identities.identify(second.token).role is Role.WORKER
+    with pytest.raises(RefusedToken):
+        store.identities.identify(first.token)
+    assert len(store.identities.tokens()) == 1
+    # With worker tokens alone nobody could sign in.
+    assert not store.identities.has_token()
+
+
+def test_a_replaced_token_that_the_audit_names_stays_as_a_row(client, store):
+    first = store.identities.replace("dispatcher", Role.WORKER, 1.0)
+    client.post(f"{API}/campaigns", json={}, headers=bearer(first.token))
+    store.identities.replace("dispatcher", Role.WORKER, 1.0)
+    assert [view.state for view in store.identities.tokens() if view.id == first.id] == ["revoked"]
     with pytest.raises(
         RefusedToken, match="token dispatcher: expected one in force, got one that is revoked"
     ):
         store.identities.identify(first.token)
-    # With worker tokens alone nobody could sign in.
-    assert not store.identities.has_token()
 
 
 def test_the_last_use_is_stored_to_the_minute(store, clock, token):
@@ -195,6 +214,15 @@ def test_each_changing_request_is_in_the_audit_refused_or_not(client, store, tok
     assert seen == [
         ("nobody", "POST", path, 401), ("a viewer", "POST", path, 403), ("a submitter", "POST", path, 201)
     ]  # fmt: skip
+
+
+def test_what_workers_do_is_in_the_audit_only_where_it_is_refused(client, store, token):
+    url, headers = f"{API}/jobs/heartbeat", bearer(token("worker"))
+    assert client.post(url, json=HEARTBEAT, headers=headers).status_code in (200, 409)
+    assert store.identities.audit(9).items == []
+    client.post(url, json={}, headers=headers)
+    client.post(f"{API}/campaigns", json={}, headers=headers)
+    assert [row.status for row in store.identities.audit(9).items] == [403, 422]
 
 
 def test_a_failure_of_ours_is_in_the_audit_too(client, store, token, monkeypatch):
