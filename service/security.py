@@ -79,16 +79,6 @@ def is_loopback(host: str) -> bool:
     return host == "localhost" or (address is not None and address.is_loopback)
 
 
-def require_loopback(host: str) -> str:
-    """Return the address to bind if it is reachable from this machine alone."""
-    if not is_loopback(host):
-        raise BindError(
-            f"host: expected a loopback address such as 127.0.0.1, got {host}; "
-            f"to reach it from elsewhere forward a port over ssh"
-        )
-    return host
-
-
 def fault_of(scope: Scope, headers: Headers, access: Access) -> Fault | None:
     """Return the status and the reason with which a request is refused whoever sends it, or None."""
     host, origin, length = headers.get("host", ""), headers.get("origin"), headers.get("content-length", "0")
