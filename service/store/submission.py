@@ -1,8 +1,9 @@
 """From a specification to the rows of a campaign, and planning what each search needs next."""
 
 from collections.abc import Sequence
+from typing import Any
 
-from sqlalchemy import func, select, update
+from sqlalchemy import bindparam, func, literal_column, select, update
 from sqlalchemy.orm import Session
 
 from core.analysis.distinct import features
@@ -26,7 +27,18 @@ from service.spec import Spec, SpecError
 from service.store.errors import KeyReused
 from service.store.events import note, note_search
 from service.store.find import find_campaign
+from service.store.held import Held
 from service.store.specs import search_spec, spec_of
+
+
+#: Whether more than `before` jobs of a search are in the queue.
+_JOB: Any = JobRow.__table__.c
+_NTH_QUEUED = (
+    select(_JOB.id)
+    .where(_JOB.search_id == bindparam("search_id"), _JOB.state == literal_column("'queued'"))
+    .limit(1)
+    .offset(bindparam("before"))
+)
 
 
 def submit(session: Session, spec: Spec, now: float, key: str | None = None) -> tuple[int, bool]:
@@ -139,6 +151,39 @@ def advance(session: Session, campaign: CampaignRow, now: float) -> None:
         _advance_one(session, other, now)
 
 
+def go_on_after(session: Session, held: Held, now: float) -> None:
+    """Do what `advance` would do after an outcome, asking only the searches that it can have changed.
+
+    A campaign may have hundreds of searches; asking each of them cost more than all the rest of an outcome.
+    """
+    search = held.search
+    if search.state in ENDED:
+        advance(session, held.campaign, now)
+        return
+    if search.state != "active" or _needs_jobs(session, held):
+        session.flush()
+        source = search.source_id and session.get_one(SearchRow, search.source_id)
+        _advance_search(session, held.campaign, search, not source or source.state in ENDED, now)
+    for row, owner in held.fed.values():
+        if row.state != "active":
+            session.flush()
+            _advance_search(session, owner, row, search.state in ENDED, now)
+    if search.state in ENDED:
+        # What it fed may end as well, and then the campaign.
+        advance(session, held.campaign, now)
+
+
+def _needs_jobs(session: Session, held: Held) -> bool:
+    """Return whether a search may want more chains now, or may be about to end."""
+    search = search_spec(held.campaign, held.search)
+    if search.core_seconds is not None or search.solutions is not None:
+        return True
+    # Chains are planned some at a time; of a search that feeds on seeds any open job keeps it open.
+    least = plan.CHAINS_AHEAD // 2 if search.seed_k is None else 1
+    ready = {"search_id": held.search.id, "before": least - 1}
+    return session.connection().execute(_NTH_QUEUED, ready).first() is None
+
+
 def _advance_one(session: Session, campaign: CampaignRow, now: float) -> None:
     session.flush()
     rows = session.scalars(select(SearchRow).where(SearchRow.campaign_id == campaign.id)).all()
@@ -190,7 +235,8 @@ def _chosen_seeds(
     search = search_spec(campaign, row)
     if search.seeds is None or search.is_immediate or not progress.source_has_ended:
         return []
-    if row.state != "waiting":
+    is_first = row.state == "waiting" or (row.state == "paused" and not row.n_planned)
+    if not is_first:
         # They were chosen once, when the source ended; each outcome would choose among all of them again.
         return []
     if plan.is_exhausted(search, progress):
@@ -272,6 +318,13 @@ def progress_of(session: Session, search: SearchSpec, row: SearchRow, source_has
         n_solutions=n_solutions,
         source_has_ended=source_has_ended,
     )
+
+
+def is_used_up(session: Session, search: SearchSpec, row: SearchRow) -> bool:
+    """Return whether a search has a budget in core seconds or solutions that is used up."""
+    if search.core_seconds is None and search.solutions is None:
+        return False
+    return plan.is_exhausted(search, progress_of(session, search, row, False))
 
 
 def _at_most(session: Session, row: SearchRow, state: str, limit: int) -> int:
