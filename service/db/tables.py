@@ -46,7 +46,8 @@ class CampaignRow(Base):
     id: Mapped[int] = mapped_column(primary_key=True)
     name: Mapped[str]
     spec_hash: Mapped[str] = mapped_column(unique=True)
-    spec: Mapped[Any] = mapped_column(Json)
+    #: Read by itself, since it is large and rarely needed; see `service.store.specs`.
+    spec: Mapped[Any] = mapped_column(Json, deferred=True)
     rng_seed: Mapped[int]
     state: Mapped[str]
     #: Lower goes first.

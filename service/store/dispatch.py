@@ -1,19 +1,23 @@
 """Taking back outcomes, each in one transaction behind the fence."""
 
+import logging
 from typing import Any, cast
 
-from sqlalchemy import update
+from sqlalchemy import bindparam, update
 from sqlalchemy.orm import Session
+from sqlalchemy.orm.attributes import set_committed_value
 
 from core.problem import content_hash
-from service.db.dialect import insert_new
-from service.db.tables import AttemptRow, CampaignRow, JobRow, ProvenanceRow, SearchRow
+from service.db.dialect import insert_new, plain
+from service.db.tables import AttemptRow, JobRow, ProvenanceRow, SearchRow
+from service.logs import say
 from service.scheduler import plan
 from service.scheduler.leases import backoff_s
 from service.store import archive
 from service.store.errors import StoreError, UnknownRow
 from service.store.events import note_job
-from service.store.submission import advance
+from service.store.held import Held, find_held
+from service.store.submission import go_on_after
 from workers.dispatcher import StaleAttempt
 from workers.executor import Ticket
 from workers.job import CompleteAnswer, Ending, JobOutcome, SolveRecord
@@ -22,34 +26,49 @@ RESULTS = (Ending.FEASIBLE, Ending.INFEASIBLE, Ending.NUMERICAL, Ending.TIMEOUT)
 #: Endings that say nothing about the job itself: it may run again.
 FAILURES = (Ending.CRASH, Ending.LOST)
 
+log = logging.getLogger(__name__)
+
+_SEARCH = plain(SearchRow).c
+_CHARGE = (
+    update(plain(SearchRow))
+    .where(_SEARCH.id == bindparam("row"))
+    .values(
+        n_solves=_SEARCH.n_solves + bindparam("number"),
+        cpu_seconds=_SEARCH.cpu_seconds + bindparam("seconds"),
+        served_s=_SEARCH.served_s + bindparam("seconds") / _SEARCH.weight,
+    )
+    .returning(_SEARCH.n_solves, _SEARCH.cpu_seconds, _SEARCH.served_s)
+)
+
 
 def complete(session: Session, ticket: Ticket, outcome: JobOutcome, now: float) -> CompleteAnswer:
     """Store an outcome, its solutions, their links and what follows from them, or refuse a late one.
 
     A report that was accepted before gets the stored answer, and changes nothing.
     """
-    job = _fenced(session, ticket, now)
-    if job is None:
+    held = find_held(session, ticket)
+    if held is None:
         return _stored_answer(session, ticket)
-    search = session.get_one(SearchRow, job.search_id)
-    campaign = session.get_one(CampaignRow, search.campaign_id)
+    job = held.job
     try:
-        records = [r for r in outcome.solves if archive.add_solve(session, campaign, search, job, r, now)]
+        records = [record for record in outcome.solves if archive.add_solve(session, held, record, now)]
     except ValueError as error:
         raise StoreError(f"job {job.id}: {error}") from error
-    _count(session, search, records)
+    _count(session, held.search, records)
     end_attempt(job, outcome.ending, now)
-    _close_attempt(session, ticket, outcome, job.state, now)
-    note_job(session, search, job, now)
-    advance(session, campaign, now)
+    _close_attempt(session, held.attempt, outcome, job.state, now)
+    note_job(session, held.search, job, now)
+    go_on_after(session, held, now)
+    _log(session, held, outcome.ending)
     return _answer(ticket, job.state)
 
 
-def _fenced(session: Session, ticket: Ticket, now: float) -> JobRow | None:
-    """Return the job if this attempt still holds it."""
-    held = (JobRow.id == ticket.job_id) & (JobRow.attempt == ticket.attempt) & (JobRow.state == "running")
-    changed = session.execute(update(JobRow).where(held).values(updated_at=now).returning(JobRow.id)).first()
-    return changed and session.get_one(JobRow, ticket.job_id, populate_existing=True)
+def _log(session: Session, held: Held, ending: Ending) -> None:
+    job = held.job
+    level = logging.DEBUG if ending in RESULTS else logging.WARNING
+    message = f"attempt ended: {ending.value}, the job is {job.state}"
+    ids = {"campaign": held.campaign.id, "job": job.id, "attempt": job.attempt, "worker": job.worker}
+    say(session, log, level, message, **ids)
 
 
 def _stored_answer(session: Session, ticket: Ticket) -> CompleteAnswer:
@@ -69,17 +88,13 @@ def _answer(ticket: Ticket, state: str) -> CompleteAnswer:
 
 def _count(session: Session, search: SearchRow, records: list[SolveRecord]) -> None:
     """Charge a search with the solves that are new in the archive."""
+    if not records:
+        return
     seconds = sum(record.cpu_seconds for record in records)
-    totals = {
-        "n_solves": SearchRow.n_solves + len(records),
-        "cpu_seconds": SearchRow.cpu_seconds + seconds,
-        "served_s": SearchRow.served_s + seconds / SearchRow.weight,
-    }
-    session.execute(
-        update(SearchRow).where(SearchRow.id == search.id).values(totals),
-        execution_options={"synchronize_session": False},
-    )
-    session.refresh(search)
+    # Added by the database: with PostgreSQL another coordinator may be adding at the same time.
+    charged = {"row": search.id, "number": len(records), "seconds": seconds}
+    for name, total in session.connection().execute(_CHARGE, charged).one()._mapping.items():
+        set_committed_value(search, name, total)
 
 
 def end_attempt(job: JobRow, ending: Ending, now: float) -> None:
@@ -101,9 +116,8 @@ def _state_after(job: JobRow, ending: Ending) -> str:
 
 
 def _close_attempt(
-    session: Session, ticket: Ticket, outcome: JobOutcome, next_state: str, now: float
+    session: Session, attempt: AttemptRow, outcome: JobOutcome, next_state: str, now: float
 ) -> None:
-    attempt = session.get_one(AttemptRow, tuple(ticket))
     attempt.ended_at, attempt.ending, attempt.next_state = now, outcome.ending.value, next_state
     # PostgreSQL has no place for a NUL, which the last words of a process may hold.
     attempt.error = outcome.error and outcome.error.replace("\0", "\ufffd")

@@ -2,16 +2,21 @@
 
 from typing import Any
 
-from sqlalchemy import func, select
+from sqlalchemy import func, insert, select
 from sqlalchemy.orm import Session
 
 from service.api.schemas import EventView
+from service.db.dialect import flush_new, plain
 from service.db.tables import EventRow, JobRow, SearchRow
+
+_NOTE = insert(plain(EventRow))
 
 
 def note(session: Session, campaign_id: int, kind: str, now: float, **data: Any) -> None:
     """Write an event in the transaction of what happened."""
-    session.add(EventRow(campaign_id=campaign_id, kind=kind, data=data, created_at=now))
+    flush_new(session)
+    row = {"campaign_id": campaign_id, "kind": kind, "data": data, "created_at": now}
+    session.connection().execute(_NOTE, row)
 
 
 def note_job(session: Session, search: SearchRow, job: JobRow, now: float) -> None:

@@ -1,14 +1,13 @@
 """From a specification to the rows of a campaign, and planning what each search needs next."""
 
 from collections.abc import Sequence
-from typing import Any
 
 from sqlalchemy import bindparam, func, literal_column, select, update
 from sqlalchemy.orm import Session
 
 from core.analysis.distinct import features
 from core.problem import Problem
-from service.db.dialect import insert_new
+from service.db.dialect import insert_new, plain
 from service.db.tables import (
     CampaignRow,
     CaseRow,
@@ -30,9 +29,8 @@ from service.store.find import find_campaign
 from service.store.held import Held
 from service.store.specs import search_spec, spec_of
 
-
+_JOB = plain(JobRow).c
 #: Whether more than `before` jobs of a search are in the queue.
-_JOB: Any = JobRow.__table__.c
 _NTH_QUEUED = (
     select(_JOB.id)
     .where(_JOB.search_id == bindparam("search_id"), _JOB.state == literal_column("'queued'"))

@@ -3,10 +3,11 @@
 import platform
 from typing import Any
 
-from sqlalchemy import select
+from sqlalchemy import bindparam, select, update
 from sqlalchemy.orm import Session
 
 from service.api.schemas import WorkerPage
+from service.db.dialect import insert_new, plain
 from service.db.tables import JobRow, WorkerRow
 from service.store.errors import WorkerRefused
 from workers.job import WorkerInfo
@@ -16,16 +17,15 @@ from workers.provenance import code_version
 SHOWN = (*WorkerInfo.model_fields, "created_at", "seen_at")
 
 
+_AGAIN = update(plain(WorkerRow)).where(plain(WorkerRow).c.name == bindparam("known"))
+
+
 def register(session: Session, info: WorkerInfo, now: float) -> None:
     """Store what a worker says about itself, or refuse it."""
     _require_same(info)
-    row = session.get(WorkerRow, info.name)
-    if row is None:
-        row = WorkerRow(name=info.name, created_at=now)
-        session.add(row)
-    for name, value in info.model_dump(exclude={"name"}).items():
-        setattr(row, name, value)
-    row.seen_at = now
+    row = info.model_dump() | {"seen_at": now}
+    if not insert_new(session, WorkerRow, row | {"created_at": now}):
+        session.connection().execute(_AGAIN, row | {"known": info.name})
 
 
 def _require_same(info: WorkerInfo) -> None:
