@@ -3,7 +3,7 @@
 import pytest
 
 from service.store import Store
-from tests.service import test_store as contract
+from tests.service import test_seeds_elsewhere, test_store
 from tests.service.databases import needs_postgres, rows
 
 pytestmark = [pytest.mark.postgres, needs_postgres, pytest.mark.usefixtures("archives_on_postgres")]
@@ -27,11 +27,12 @@ NAMES = """
     facts_of_a_campaign_are_those_of_its_records
     a_limit_gives_the_best_solutions
 """
-globals().update({f"test_{name}": getattr(contract, f"test_{name}") for name in NAMES.split()})
+CONTRACT = vars(test_store) | vars(test_seeds_elsewhere)
+globals().update({f"test_{name}": CONTRACT[f"test_{name}"] for name in NAMES.split()})
 
 
 @pytest.fixture
 def store(monkeypatch, tmp_path, archives_on_postgres):
-    monkeypatch.setattr(contract, "rows", rows)
+    monkeypatch.setattr(test_store, "rows", rows)
     with Store(tmp_path) as opened:
         yield opened
