@@ -219,8 +219,14 @@ class SearchSpec(Strict):
 
     @model_validator(mode="after")
     def _budget_given(self) -> Self:
-        if self.seed_k is None and all(getattr(self, name) is None for name in BUDGETS):
+        if self.seed_k is not None:
+            # It ends with its seeds.
+            return self
+        if all(getattr(self, name) is None for name in BUDGETS):
             raise ValueError(f"budget: expected at least one of {', '.join(BUDGETS)}, got none")
+        n = len(self.outage_sets)
+        if self.guesses is not None and self.guesses < n:
+            raise ValueError(f"guesses: expected at least one for each of {n} cases, got {self.guesses}")
         return self
 
     def _shown(self, name: str) -> str:
