@@ -83,7 +83,7 @@ class Seeds(Strict):
     source: Annotated[Name, Field(alias="from")]
     campaign: Name | None = None
     #: Least first, or each as far as possible from those before it.
-    order: Literal["address", "delta_v", "time_of_flight", "diversity"] | None = None
+    order: Literal["address", "chain", "delta_v", "time_of_flight", "diversity"] | None = None
     limit: Count | None = None
     #: Each seed for every case, for one case in turn, or for the cases that hold all its outages.
     pairing: Literal["every", "round-robin", "contained"] = "every"
