@@ -83,7 +83,7 @@ class Seeds(Strict):
     source: Annotated[Name, Field(alias="from")]
     campaign: Name | None = None
     #: Least first, or each as far as possible from those before it.
-    order: Literal["address", "delta_v", "time_of_flight", "diversity"] | None = None
+    order: Literal["address", "chain", "delta_v", "time_of_flight", "diversity"] | None = None
     limit: Count | None = None
     #: Each seed for every case, for one case in turn, or for the cases that hold all its outages.
     pairing: Literal["every", "round-robin", "contained"] = "every"
@@ -219,8 +219,14 @@ class SearchSpec(Strict):
 
     @model_validator(mode="after")
     def _budget_given(self) -> Self:
-        if self.seed_k is None and all(getattr(self, name) is None for name in BUDGETS):
+        if self.seed_k is not None:
+            # It ends with its seeds.
+            return self
+        if all(getattr(self, name) is None for name in BUDGETS):
             raise ValueError(f"budget: expected at least one of {', '.join(BUDGETS)}, got none")
+        n = len(self.outage_sets)
+        if self.guesses is not None and self.guesses < n:
+            raise ValueError(f"guesses: expected at least one for each of {n} cases, got {self.guesses}")
         return self
 
     def _shown(self, name: str) -> str:

@@ -62,7 +62,7 @@ def _table(k: int, cases: Sequence[_Case]) -> Table:
     n = len({case.outages for case in cases})
     caption = (
         f"{n} {'case' if n == 1 else 'cases'}. Intervals of ratios are Wilson's, 95 %, and those of "
-        "times follow from them. Delta-v is that of the transfer, of strict solutions."
+        "times follow from them. All mappings together. Delta-v is that of the transfer, of strict solutions."
     )
     return Table(f"cases-p{k}", f"Cases of P_{k}", caption, COLUMNS, rows)
 

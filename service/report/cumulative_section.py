@@ -1,13 +1,14 @@
 """What a solution costs together with its seeds: by the paper's definition and by the consistent one."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from core.analysis.metrics import Estimate
 from core.analysis.paper_values import PaperValue, paper_value
 from core.analysis.seed_chains import Cumulative, seed_chains
 from service.report.cells import AS_GIVEN, DERIVED, READ, Cell, Column, Table
 from service.report.estimates import duration_label, in_seconds, percent, strategy_key
-from service.report.groups import Groups
+from service.report.groups import Groups, labelled
 from service.report.page import Picture, Section
 from service.report.rows_plot import Row, Series, forest
 from service.report.style import BLUE, GREEN, ORANGE
@@ -33,8 +34,10 @@ DEFINITIONS = (
 
 def cumulative_section(groups: Groups) -> Section:
     """Return the table and the figures of seed chains, nothing where no search has seeds."""
+    by = ("search", "duration_days", "mapping")
     chains = sorted(
-        seed_chains(groups.findings, "paper"), key=lambda one: (*strategy_key(one.strategy), one.chain)
+        (_labelled(one) for one in seed_chains(groups.findings, "paper", by=by)),
+        key=lambda one: (*strategy_key(one.strategy), one.chain),
     )
     return Section(
         "cumulative",
@@ -43,6 +46,12 @@ def cumulative_section(groups: Groups) -> Section:
         (_table(chains),),
         (_ratios(chains), _times(chains)),
     )
+
+
+def _labelled(one: Cumulative) -> Cumulative:
+    """Return a chain whose last strategy names its mapping, where that is not the paper's."""
+    label = labelled(one.strategy, one.mapping)
+    return replace(one, strategy=label, chain=label + one.chain.removeprefix(one.strategy))
 
 
 def _paper(one: Cumulative) -> PaperValue | None:

@@ -1,6 +1,7 @@
 """What solutions cost: delta-v by strategy and duration, and against their own seeds."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from core.analysis.comparison import PairedChange, paired_change
 from core.analysis.paper_values import paper_value
@@ -90,7 +91,7 @@ def _boxes(groups: Groups, k: int) -> Picture:
 def changes_section(groups: Groups) -> Section | None:
     """Return the change of propellant from seed to solution, None where no search has seeds."""
     changes = {
-        key: paired_change(groups.findings, solves)
+        key: replace(paired_change(groups.findings, solves), strategy=key[0])
         for key, solves in groups.solves.items()
         if any(one.seed_id is not None for one in solves)
     }

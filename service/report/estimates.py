@@ -45,6 +45,7 @@ def duration_label(days: float | None) -> str:
 
 
 def strategy_key(strategy: str) -> tuple[int, int]:
-    """Return (k, k') of a strategy, k' of one without seeds being -1."""
+    """Return (k, k') of a strategy, whatever its mapping; k' of one without seeds is -1."""
+    strategy, _, _ = strategy.partition(" ")
     k, _, seed_k = strategy.removeprefix("S(").removesuffix(")").partition("|")
     return (int(k), int(seed_k) if seed_k else -1) if k.isdecimal() else (10_000, -1)

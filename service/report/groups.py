@@ -1,15 +1,17 @@
-"""A campaign's solves by strategy and duration, grouped and summed up once for all sections."""
+"""A campaign's solves by strategy, mapping and duration, grouped and summed up once for all sections."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from core.analysis.facts import CampaignFacts, SolveFacts
 from core.analysis.metrics import Ratio, Spread, feasibility_ratio, spread
 from core.analysis.study import Findings, Summary, cost_of, findings_of, solutions, summarized
 from service.report.estimates import strategy_key
 
-#: Strategy and duration of the outages [days], None where a case mixes durations.
+#: Strategy with its mapping, and duration of the outages [days], None where a case mixes durations.
 Key = tuple[str, float | None]
+#: The mapping of the paper: a strategy without further words uses it.
+PAPERS_MAPPING = "reference"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +60,19 @@ def groups_of(facts: CampaignFacts) -> Groups:
     """Return the groups of a campaign."""
     findings = findings_of(facts)
     solves = _by_strategy(facts.solves)
-    return Groups(findings, solves, {key: summarized(findings, group) for key, group in solves.items()})
+    summaries = {key: replace(summarized(findings, group), strategy=key[0]) for key, group in solves.items()}
+    return Groups(findings, solves, summaries)
+
+
+def labelled(strategy: str, mapping: str | None) -> str:
+    """Return a strategy with the form of its mapping, unless that is the paper's own.
+
+    What the paper did not do has another name than what it did, and gets none of its numbers.
+    """
+    if mapping is None or mapping == PAPERS_MAPPING:
+        return strategy
+    form, _, sources = mapping.partition("(")
+    return f"{strategy} {form}{' from realizations' if sources and form == PAPERS_MAPPING else ''}"
 
 
 def _by_strategy(solves: Iterable[SolveFacts]) -> dict[Key, list[SolveFacts]]:
@@ -68,5 +82,7 @@ def _by_strategy(solves: Iterable[SolveFacts]) -> dict[Key, list[SolveFacts]]:
     for solve in solves:
         if solve.outages not in durations:
             durations[solve.outages] = solve.duration_days
-        found.setdefault((solve.strategy, durations[solve.outages]), []).append(solve)
-    return {key: found[key] for key in sorted(found, key=lambda key: (*strategy_key(key[0]), key[1] or 0.0))}
+        label = labelled(solve.strategy, solve.mapping)
+        found.setdefault((label, durations[solve.outages]), []).append(solve)
+    ordered = sorted(found, key=lambda key: (*strategy_key(key[0]), key[0], key[1] or 0.0))
+    return {key: found[key] for key in ordered}

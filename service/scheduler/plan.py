@@ -115,7 +115,10 @@ def chosen(search: SearchSpec, candidates: Iterable[Candidate]) -> list[Candidat
     """Return the seeds in their order, up to the limit; equal ones stand in order of address."""
     assert search.seeds is not None
     ordered = sorted(candidates, key=lambda candidate: candidate.address)
-    if search.seeds.order == "delta_v":
+    if search.seeds.order == "chain":
+        # Chains take turns over the cases, addresses list one case after the other.
+        ordered.sort(key=lambda candidate: candidate.address[1:])
+    elif search.seeds.order == "delta_v":
         ordered.sort(key=lambda candidate: candidate.delta_v_km_s)
     elif search.seeds.order == "time_of_flight":
         ordered.sort(key=lambda candidate: candidate.time_of_flight_days)

@@ -95,12 +95,21 @@ def _add_searches(session: Session, campaign: CampaignRow, spec: Spec) -> None:
 
 
 def _take_known_seeds(session: Session, campaign: CampaignRow, now: float) -> None:
-    """Plan the jobs of seeds that another campaign has found already, where each is mapped at once."""
+    """Plan the jobs of seeds that another campaign has found already, where each is mapped at once.
+
+    A search whose seeds can no longer be found is refused.
+    """
     spec = spec_of(campaign)
     for row in session.scalars(select(SearchRow).where(SearchRow.campaign_id == campaign.id)):
         search = search_spec(campaign, row)
-        if search.seeds is not None and search.is_immediate:
-            for seed in candidates(session, campaign, row, search):
+        if search.seeds is None or search.seeds.campaign is None:
+            continue
+        known = candidates(session, campaign, row, search)
+        if not known and session.get_one(SearchRow, row.source_id).state in ENDED:
+            about = f"search {search.id}: seeds.from: expected {search.seeds.tolerance} solutions"
+            raise SpecError(f"{about}, got none from {search.seeds.full_name}, which has ended")
+        if search.is_immediate:
+            for seed in known:
                 add_jobs(session, search, row, plan.map_jobs(spec, search, seed), now)
 
 

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from service.scheduler.plan import (
@@ -57,6 +57,7 @@ def seed(case, number=1):
     return Candidate(f"{number:032x}", (case, "0", 0), [(4 + 8 * case, 1.0)], 0.5, 50.0)
 
 
+@settings(deadline=None)  # a busy machine takes its time
 @given(guesses=st.integers(1, 2000), hops=st.integers(1, 30), batch=st.integers(1, 300))
 def test_chains_share_out_the_whole_budget_whatever_the_order_of_work(guesses, hops, batch):
     search, planned = chain_search(guesses=guesses, hops=hops), []
@@ -69,7 +70,8 @@ def test_chains_share_out_the_whole_budget_whatever_the_order_of_work(guesses, h
     assert all(job.n_hops == hops for job in planned[:-1])
 
 
-@given(guesses=st.integers(1, 500), hops=st.integers(1, 9), n_cases=st.integers(1, 12))
+@settings(deadline=None)
+@given(guesses=st.integers(12, 500), hops=st.integers(1, 9), n_cases=st.integers(1, 12))
 def test_the_budget_is_shared_evenly_among_the_cases(guesses, hops, n_cases):
     fields = cases("S(1)", [[4 * n] for n in range(1, n_cases + 1)], guesses=guesses, hops=hops)
     search, planned = SearchSpec.model_validate(fields), []
@@ -163,6 +165,19 @@ def test_the_chain_of_a_map_job_is_its_seed_as_a_number():
     spec = two_searches(cases("S(2|1)", [[4, 48]]))
     (job,) = map_jobs(spec, spec.search[1], seed(0, 0x00FF << 64))
     assert job.chain == 0x00FF << 64 and job.seed_id == f"{job.chain:032x}"
+
+
+def test_seeds_by_chain_take_turns_over_the_cases():
+    candidates = [
+        Candidate(f"{i:032x}", (case, f"{chain:032x}", 0), (), 1.0, 5.0)
+        for i, (case, chain) in enumerate([(0, 0), (0, 2), (1, 1), (1, 3)])
+    ]
+
+    def numbers(order):
+        search = seeded_search(seeds={"from": "a", "order": order, "limit": 2})
+        return [int(c.id, 16) for c in chosen(search, candidates)]
+
+    assert numbers("address") == [0, 1] and numbers("chain") == [0, 2]
 
 
 @given(

@@ -73,3 +73,11 @@ def test_seeds_of_another_campaign_that_do_not_fit_are_refused_and_nothing_is_st
     with pytest.raises(StoreError, match="campaign never: expected one that exists"):
         submitted(store, seeded_elsewhere(campaign="never"))
     assert len(store.campaigns()) == 1
+
+
+def test_a_search_that_has_ended_without_solutions_feeds_no_other(store):
+    submitted(store)
+    finish(store, Inline(run_in_vain))
+    with pytest.raises(SpecError, match=r"expected strict solutions, got none from test/s0, which has ended"):
+        submitted(store, seeded_elsewhere())
+    assert len(store.campaigns()) == 1

@@ -91,6 +91,14 @@ REFUSED = [
     (changed(id="s0"), "expected different ids, got 's0' 2 times"),
     (changed(cpu_seconds=0), "spec.search.1.cpu_seconds: expected a number greater than 0, got 0"),
     (changed(cpu_seconds=float("nan")), "spec.search.1.cpu_seconds"),
+    (
+        spec_fields(
+            search=[
+                {"id": "a", "strategy": "S(1)", "cases": [[4], [8]], "duration_days": 1.0} | {"guesses": 1}
+            ]
+        ),
+        "guesses: expected at least one for each of 2 cases, got 1",
+    ),
     (spec_fields(guesses=0), "spec.search.0.guesses: expected a number of at least 1, got 0"),
     (
         spec_fields(guesses=None),
