@@ -19,7 +19,15 @@ from service.limits import Buckets, Streams
 from service.request_body import BodyFault, read_body, replayed
 from service.rights import ANYONE, LOGGED_AS_ATTEMPTS, RIGHTS, STREAMS, Role, least
 from service.route_index import RouteIndex
-from service.security import ANSWER_HEADERS, UNSAFE, Access, fault_of, is_own_origin, seen_from
+from service.security import (
+    ANSWER_HEADERS,
+    UNSAFE,
+    Access,
+    fault_of,
+    is_own_origin,
+    most_bytes,
+    seen_from,
+)
 from service.store import Store
 from service.store.identity import RefusedToken
 from service.tokens import COOKIE, OWNER, Identity
@@ -155,7 +163,7 @@ class Guard:
     async def _pass_on(self, visit: Visit, receive: Receive, send: "_Outward") -> None:
         if visit.is_unsafe:
             try:
-                body = await read_body(receive, visit.headers.get("content-type", ""))
+                body = await read_body(receive, visit.headers.get("content-type", ""), most_bytes(visit.path))
             except BodyFault as fault:
                 await problem_response(fault.status, str(fault))(visit.scope, receive, send)
                 return

@@ -11,8 +11,6 @@ from typing import Any
 import anyio
 from starlette.types import Message, Receive
 
-from service.security import MAX_BODY_BYTES
-
 #: How long a client may take to send a body [s].
 PATIENCE_S = 30.0
 #: What can become a number that is not finite; only such bodies are parsed here as well.
@@ -31,7 +29,7 @@ class _NotFinite(Exception):
     """A number that is none."""
 
 
-async def read_body(receive: Receive, content_type: str) -> bytes:
+async def read_body(receive: Receive, content_type: str, most_bytes: int) -> bytes:
     """Return the body, or raise a BodyFault."""
     pieces: list[bytes] = []
     n_bytes = 0
@@ -39,8 +37,8 @@ async def read_body(receive: Receive, content_type: str) -> bytes:
         while (message := await receive())["type"] == "http.request":
             pieces.append(message.get("body", b""))
             n_bytes += len(pieces[-1])
-            if n_bytes > MAX_BODY_BYTES:
-                raise BodyFault(413, f"body: expected at most {MAX_BODY_BYTES} bytes, got more")
+            if n_bytes > most_bytes:
+                raise BodyFault(413, f"body: expected at most {most_bytes} bytes, got more")
             if not message.get("more_body", False):
                 body = b"".join(pieces)
                 _require_finite(body, content_type)

@@ -33,6 +33,9 @@ ANSWER_HEADERS = {
 }
 #: Largest body of a request [byte]; a specification with hundreds of searches is a tenth of it.
 MAX_BODY_BYTES = 512 * 1024
+#: The same for the report of a worker: a chain of thousands of hops brings a vector for each.
+MAX_REPORT_BYTES = 64 * 1024 * 1024
+REPORT_PATH = "/api/v1/jobs/complete"
 #: Longest path and query together [byte].
 MAX_TARGET_BYTES = 8 * 1024
 
@@ -92,12 +95,17 @@ def fault_of(scope: Scope, headers: Headers, access: Access) -> Fault | None:
             return 403, f"{name}: expected no proxy but those in COASTARC_PROXIES, got one at {peer}"
     if scope["method"] in UNSAFE and origin is not None and not is_own_origin(headers):
         return 403, f"Origin: expected that of {host}, got {origin[:80]!r}"
-    if length.isdecimal() and int(length[:20]) > MAX_BODY_BYTES:
-        return 413, f"body: expected at most {MAX_BODY_BYTES} bytes, got {length[:20]}"
+    if length.isdecimal() and int(length[:20]) > (most := most_bytes(scope["path"])):
+        return 413, f"body: expected at most {most} bytes, got {length[:20]}"
     n_target = len(scope.get("raw_path") or b"") + len(scope.get("query_string") or b"")
     if n_target > MAX_TARGET_BYTES:
         return 414, f"address: expected at most {MAX_TARGET_BYTES} bytes, got {n_target}"
     return None
+
+
+def most_bytes(path: str) -> int:
+    """Return how large a body may be; it is read only after its sender's role is known."""
+    return MAX_REPORT_BYTES if path == REPORT_PATH else MAX_BODY_BYTES
 
 
 def is_own_origin(headers: Headers) -> bool:

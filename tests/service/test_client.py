@@ -1,12 +1,22 @@
 """The client for people's programs, against the OpenAPI document and against a running coordinator."""
 
+import json
+
 import pytest
 
+from service.app import create_app
 from service.client import ROUTES, Client, ClientError
 from service.coordinator import Coordinator
+from service.store import Store
 from service.store.records import Filter
 from service.store.seeds import SeedsWanted
 from tests.service.campaigns import finish, spec_fields, submitted
+
+
+@pytest.fixture(scope="module")
+def document(tmp_path_factory):
+    with Store(tmp_path_factory.mktemp("document")) as store:
+        return create_app(store).openapi()
 
 
 @pytest.fixture
@@ -16,8 +26,7 @@ def running(tmp_path):
 
 
 @pytest.mark.parametrize("route", ROUTES.values(), ids=ROUTES)
-def test_every_route_it_asks_is_in_the_document_with_that_answer(route, client):
-    document = client.app.openapi()
+def test_every_route_it_asks_is_in_the_document_with_that_answer(route, document):
     operation = document["paths"][f"/api/v1{route.path}"][route.verb.lower()]
     success = next(
         operation["responses"][status] for status in ("200", "201") if status in operation["responses"]
@@ -42,7 +51,7 @@ def test_a_campaign_is_submitted_paused_resumed_and_cancelled(running):
 
 def test_what_was_found_is_read_page_by_page(running):
     store, client = running
-    campaign_id = submitted(store)
+    campaign_id = submitted(store, spec_fields(guesses=24))
     finish(store)
     page = client.solutions(campaign_id, strict=True, limit=1)
     following = client.solutions(campaign_id, strict=True, limit=1, after=page.next)
@@ -89,3 +98,12 @@ def test_nobody_there_is_an_error_with_advice():
     with Client("http://127.0.0.1:9") as client, pytest.raises(ClientError, match="coastarc serve") as raised:
         client.campaigns()
     assert raised.value.status is None
+
+
+def test_a_report_may_be_larger_than_what_people_send(client):
+    padding = " " * (600 * 1024)
+    report = {"job_id": 1, "attempt": 1, "outcome": {"ending": "crash"}}
+    as_json = {"Content-Type": "application/json"}
+    answer = client.post("/api/v1/jobs/complete", content=json.dumps(report) + padding, headers=as_json)
+    assert answer.status_code == 404 and "job 1: expected one that exists" in answer.json()["detail"]
+    assert client.post("/api/v1/campaigns", content="{}" + padding, headers=as_json).status_code == 413
