@@ -11,11 +11,13 @@ from threadpoolctl import threadpool_limits
 from service import terminal
 from service.bench_machine import machine
 from service.cli_bench_chain import chain
+from service.cli_bench_service import service
 from service.cli_bench_solve import solve
 
-bench = typer.Typer(help="Measure the speed of the numerics.", no_args_is_help=True)
+bench = typer.Typer(help="Measure the speed of the numerics and of the service.", no_args_is_help=True)
 bench.command()(solve)
 bench.command()(chain)
+bench.command()(service)
 
 RngSeed = Annotated[int, typer.Option(min=0, help="Fixes the points.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
@@ -23,7 +25,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 @bench.callback()
 def _group() -> None:
-    """Measure the speed of the numerics."""
+    """Measure the speed of the numerics and of the service."""
 
 
 @bench.command()
