@@ -18,6 +18,7 @@ from service.api import (
     solutions,
     tokens,
 )
+from service.api.document import finish_document
 from service.api.errors import REFUSALS, add_error_handlers
 from service.guard import Guard
 from service.limits import Streams
@@ -66,6 +67,7 @@ def create_app(
     app.include_router(health.router, prefix="/api/v1", include_in_schema=False)
     app.include_router(pages.router)
     app.include_router(session.pages)
+    finish_document(app)
     app.state.streams = Streams(access.settings.streams_per_client)
     app.add_middleware(Guard, store=store, access=access, streams=app.state.streams)
     return app

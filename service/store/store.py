@@ -1,7 +1,7 @@
 """The archive behind one narrow interface; every call is one transaction."""
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -180,6 +180,17 @@ class Store:
         """Return the solutions of a filter with their vectors, all or the best so many."""
         with self._database.read() as session:
             return records.all_records(session, wanted, limit)
+
+    def record_pages(self, wanted: Filter, size: int = 100) -> Iterator[list[schemas.RecordWithVector]]:
+        """Yield all solutions of a filter in order of id; each page is one short transaction."""
+        after = ""
+        while True:
+            with self._database.read() as session:
+                page = records.page_by_id(session, wanted, after, size)
+            yield page
+            if len(page) < size:
+                return
+            after = page[-1].id
 
     def record(self, solution_id: str) -> schemas.RecordWithVector:
         """Return a solution."""
