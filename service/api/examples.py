@@ -182,6 +182,22 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
         "elapsed_seconds": 198.0,
         "cpu_seconds": 15.4,
     },
+    schemas.MetricsView: {
+        "campaign_id": 1,
+        "by_strategy": [
+            {
+                "strategy": "S(0)",
+                "n_solves": 28,
+                "n_strict": 23,
+                "strict_ratio": 0.821,
+                "strict_ratio_low": 0.644,
+            }
+        ],
+        "by_mapping": [],
+        "seed_yields": [{"seed_k": None, "k": 0, "n_seeds": 0, "n_solves": 28, "n_strict": 23}],
+        "seed_chains": [],
+        "paired_changes": [],
+    },
     schemas.RecordPage: {"items": [RECORD], "next": f"0x1.99da51eb851ecp+13_{SOLUTION}"},
     schemas.RecordWithVector: RECORD
     | {"x": [71.3, 2.1, 4.0, 0.71], "verification": {"integrator": "DOP853", "tolerance": 1e-12}},
