@@ -10,6 +10,7 @@ import os
 import shutil
 import signal
 import socket
+import sys
 import tempfile
 import threading
 import time
@@ -20,10 +21,11 @@ from typing import Any
 
 import psutil
 
-from workers.executor import CANCEL_GRACE_S, ExecutorError, ExecutorLost, Finished, Ticket
+from workers.executor import CANCEL_GRACE_S, ExecutorError, Finished, Ticket
 from workers.job import Claim, Ending, Job, JobOutcome
-from workers.ray_task import ForeignWorker, answer, difference, execute, probe, unpacked, versions
+from workers.ray_task import ForeignWorker, difference, execute, probe, unpacked, versions
 from workers.ray_token import checked, own_token, require_token
+from workers.ray_watchdog import Watchdog
 
 LOG = logging.getLogger(__name__)
 
@@ -61,14 +63,13 @@ class RayCluster:
         folder: Path | None = None,
     ) -> None:
         self.is_own = address == "local"
+        self.ray: Any = None
         self._scratch: Path | None = None
-        if self.is_own:
-            self._start(n_workers, own_token(token), folder)
-        else:
-            if n_workers is not None:
-                raise ExecutorError(f"workers: expected none for a cluster that has its own, got {n_workers}")
-            self._join(address, token and checked(token))
         try:
+            if self.is_own:
+                self._start(n_workers, own_token(token), folder)
+            else:
+                self._join(address, n_workers, token and checked(token))
             self.check()
         except ExecutorError:
             self.close()
@@ -96,10 +97,11 @@ class RayCluster:
 
     def close(self) -> None:
         """Leave the cluster; one that was started here ends, with all its processes."""
-        processes = list(self._processes())
-        self.ray.shutdown()
-        for process in psutil.wait_procs(processes, LEAVE_S)[1]:
-            process.kill()
+        if self.ray is not None:
+            processes = list(self._processes())
+            self.ray.shutdown()
+            for process in psutil.wait_procs(processes, LEAVE_S)[1]:
+                process.kill()
         if self._scratch is not None:
             shutil.rmtree(self._scratch, ignore_errors=True)
 
@@ -125,7 +127,9 @@ class RayCluster:
             _temp_dir=str(folder.absolute()),
         )
 
-    def _join(self, address: str, token: Path | None) -> None:
+    def _join(self, address: str, n_workers: int | None, token: Path | None) -> None:
+        if n_workers is not None:
+            raise ExecutorError(f"workers: expected none for a cluster that has its own, got {n_workers}")
         host, _, port = address.rpartition(":")
         if not host or "/" in address or not port.isdigit():
             raise ExecutorError(f"ray address: expected local or host:port, got {address}")
@@ -139,19 +143,15 @@ class RayCluster:
         self._open(token, address=address)
 
     def _open(self, token: Path | None, **options: Any) -> None:
-        require_token(os.environ, token)
-        os.environ.update(ENVIRONMENT)
-        import ray
-        import ray.util.scheduling_strategies
-
-        self.ray: Any = ray
+        self.ray = ray = _imported(token)
         try:
             with _signals_kept():
                 ray.init(log_to_driver=False, logging_level="ERROR", **options)
-        except (ray.exceptions.RayError, OSError, RuntimeError, ValueError) as error:
+        except Exception as error:  # bare where a busy machine starts Ray too slowly
+            remedy = "try again" if self.is_own else "token, Ray and Python must be the same as here"
             raise ExecutorError(
-                f"ray cluster {options['address']}: expected to be let in, got {type(error).__name__} "
-                f"({error}); its token, its Ray and its Python must be the same as here"
+                f"ray cluster {options['address']}: expected a connection, got {type(error).__name__} "
+                f"({error}); {remedy}"
             ) from error
         # Ray would print on our stdout what its processes died of, with pages of their logs.
         ray._private.worker.print_to_stdstream = _log_first_line
@@ -179,6 +179,20 @@ class RayCluster:
                     continue
 
 
+def _imported(token: Path | None) -> Any:
+    """Return ray, imported where it can see that it has to authenticate."""
+    if "ray" in sys.modules and os.environ.get("RAY_AUTH_MODE") != "token":
+        raise ExecutorError("ray: expected to be imported by its executor alone, got an import without token")
+    require_token(os.environ, token)
+    os.environ.update(ENVIRONMENT)
+    try:
+        import ray
+        import ray.util.scheduling_strategies
+    except ImportError as error:
+        raise ExecutorError(f"ray: expected the package, got {error}; install coastarc[ray]") from error
+    return ray
+
+
 def _log_first_line(data: dict[str, Any], ignore_prefix: bool = False) -> None:
     for message in data["lines"]:
         LOG.warning("ray: %s", message.partition("\n")[0])
@@ -195,39 +209,6 @@ def _signals_kept() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
-
-
-class Watchdog:
-    """Asks the cluster now and then to do nothing, since calls wait for ever once its raylet is dead."""
-
-    def __init__(self, cluster: RayCluster, interval_s: float = 5.0, timeout_s: float = 10.0) -> None:
-        self._ray = cluster.ray
-        self._task = self._ray.remote(num_cpus=0, max_retries=0)(answer)
-        self._interval_s = interval_s
-        self._timeout_s = timeout_s
-        self._next = time.monotonic() + interval_s
-        self._asked: tuple[Any, float] | None = None
-        self._n_missed = 0
-
-    def look(self) -> None:
-        """Ask, or look for the answer; raise ExecutorLost when two in a row did not come."""
-        now = time.monotonic()
-        if self._asked is None:
-            if now >= self._next:
-                self._asked = (self._task.remote(), now)
-            return
-        reference, since = self._asked
-        if self._ray.wait([reference], timeout=0)[0]:
-            # An answer that is an error came from a cluster that can still tell what happened.
-            self._asked, self._n_missed, self._next = None, 0, now + self._interval_s
-        elif now - since > self._timeout_s:
-            self._asked, self._next = None, now
-            self._n_missed += 1
-            if self._n_missed == 2:
-                raise ExecutorLost(
-                    f"ray cluster: expected an answer in {self._timeout_s:g} s, got none twice; "
-                    "start the dispatcher again"
-                )
 
 
 class _Attempt:
@@ -253,7 +234,7 @@ class RayExecutor:
         self._ray = cluster.ray
         self._runner = runner
         self._grace_s = grace_s
-        self._watchdog = watchdog or Watchdog(cluster)
+        self._watchdog = watchdog or Watchdog(cluster.ray)
         self._task = self._ray.remote(num_cpus=1, max_retries=0, max_calls=JOBS_PER_PROCESS)(execute)
         self._running: dict[Ticket, _Attempt] = {}
         self._window = (cluster.n_processors(), time.monotonic())

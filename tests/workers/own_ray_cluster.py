@@ -15,12 +15,13 @@ import psutil
 
 from tests.workers.jobs import hop_job
 from workers.executor import ExecutorLost, Ticket
-from workers.ray_executor import RayCluster, RayExecutor, Watchdog
+from workers.ray_executor import RayCluster, RayExecutor
+from workers.ray_watchdog import Watchdog
 
 
 def opened(folder):
     cluster = RayCluster(n_workers=1, token=folder / "token", folder=folder / "ray")
-    watchdog = Watchdog(cluster, interval_s=1.0, timeout_s=5.0)
+    watchdog = Watchdog(cluster.ray, interval_s=1.0, timeout_s=5.0)
     return RayExecutor(cluster, "tests.workers.fake:run_chain_zero_deaf", watchdog=watchdog)
 
 

@@ -131,33 +131,33 @@ def test_a_wrong_token_is_refused(simulated_cluster, tmp_path):
         check=False,
     )
     assert said.returncode == 1 and "InvalidAuthToken" in said.stderr
-    assert "ExecutorError: ray cluster" in said.stderr and "its token" in said.stderr
+    assert "ExecutorError: ray cluster" in said.stderr and "token, Ray and Python must be" in said.stderr
 
 
 @pytest.fixture(scope="module")
 def stories():
-    """Give what happened to clusters that two other processes, at the same time, started for themselves."""
+    """Give what happened to clusters that other processes started for themselves."""
+    return {name: story(name) for name in ("close", "kill")}
+
+
+def story(name, n_tries=3):
     with tempfile.TemporaryDirectory(prefix="ray-", dir="/tmp") as folder:
-        processes = {name: begun(name, Path(folder) / name) for name in ("close", "kill")}
+        command = [sys.executable, "-m", "tests.workers.own_ray_cluster", name, folder]
+        pipe = subprocess.PIPE
+        # A group of its own, so that whatever should remain of it can be ended as one.
+        process = subprocess.Popen(
+            command, cwd=ROOT, stdout=pipe, stderr=pipe, text=True, start_new_session=True
+        )
         try:
-            yield {name: json.loads(printed(process)) for name, process in processes.items()}
+            printed, errors = process.communicate(timeout=240)
         finally:
-            for process in processes.values():
-                end_group(process.pid)
-
-
-def begun(name, folder):
-    folder.mkdir()
-    command = [sys.executable, "-m", "tests.workers.own_ray_cluster", name, folder]
-    pipe = subprocess.PIPE
-    # A group of its own, so that whatever should remain of it can be ended as one.
-    return subprocess.Popen(command, cwd=ROOT, stdout=pipe, stderr=pipe, text=True, start_new_session=True)
-
-
-def printed(process):
-    out, errors = process.communicate(timeout=240)
+            end_group(process.pid)
+            process.communicate()
+    if process.returncode and "timed out during startup" in errors and n_tries > 1:
+        # A node dies when its agents, started as it is, need more than 15 s (ray #65983).
+        return story(name, n_tries - 1)
     assert process.returncode == 0, errors
-    return out
+    return json.loads(printed)
 
 
 def end_group(group):
@@ -211,6 +211,18 @@ def test_workers_are_counted_only_where_we_start_them(tmp_path):
         RayCluster(n_workers=0, token=tmp_path / "token")
     with pytest.raises(ExecutorError, match="expected none for a cluster that has its own, got 2"):
         RayCluster("10.0.0.1:6379", n_workers=2)
+
+
+def test_ray_is_imported_only_where_it_sees_that_it_must_authenticate(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ray", None)  # which an import takes as absent
+    monkeypatch.delenv("RAY_AUTH_MODE", raising=False)
+    with pytest.raises(ExecutorError, match="got an import without token"):
+        RayCluster(n_workers=1, token=tmp_path / "token")
+    for name in ("RAY_AUTH_TOKEN_PATH", "RAY_AUTH_TOKEN", "RAY_num_workers_soft_limit"):
+        monkeypatch.setenv(name, "")
+    monkeypatch.setenv("RAY_AUTH_MODE", "token")
+    with pytest.raises(ExecutorError, match=r"expected the package, got .*install coastarc\[ray\]"):
+        RayCluster(n_workers=1, token=tmp_path / "token")
 
 
 def test_a_token_is_made_once_and_for_the_owner_alone(tmp_path):
