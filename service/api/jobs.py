@@ -67,8 +67,7 @@ def claim_jobs(
 
     Workers with another code version or Python minor version are refused (409, `worker_refused`).
     """
-    store.register(request.worker)
-    claims = store.claim(request.worker.name, request.n_jobs, request.campaign_id)
+    claims = store.claim(request.worker, request.n_jobs, request.campaign_id)
     return ClaimAnswer(
         claims=tuple(claims), lease_s=store.leases.lease_s, heartbeat_s=store.leases.heartbeat_s
     )
@@ -80,9 +79,8 @@ def keep_jobs(
     store: StoreHere,
 ) -> HeartbeatAnswer:
     """Extend the leases of all jobs that a worker holds; tell which to cancel, and which it has lost."""
-    store.register(request.worker)
     held = [Ticket(job.job_id, job.attempt) for job in request.held]
-    return store.heartbeat(request.worker.name, held)
+    return store.heartbeat(request.worker, held)
 
 
 @router.post("/jobs/complete", responses=CONFLICT)

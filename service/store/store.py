@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
+from sqlalchemy.orm import Session
 
 from core.analysis.facts import CampaignFacts
 from service.api import schemas
@@ -80,19 +81,25 @@ class Store:
         """Store what a worker says about itself; one that would compute something else is refused."""
         self._database.write(lambda session: workers.register(session, worker, self._clock()))
 
-    def claim(self, worker: str, n_jobs: int, campaign: int | None = None) -> list[Claim]:
-        """Hand out jobs of one campaign, or of all, for the time of a lease."""
+    def claim(self, worker: WorkerInfo | str, n_jobs: int, campaign: int | None = None) -> list[Claim]:
+        """Hand out jobs of one campaign, or of all, for the time of a lease; a worker registers with it."""
         lease_s = self.leases.lease_s
-        return self._database.write(
-            lambda session: claims.claim(session, worker, n_jobs, campaign, self._clock(), lease_s)
-        )
 
-    def heartbeat(self, worker: str, held: Iterable[Ticket]) -> HeartbeatAnswer:
+        def work(session: Session) -> list[Claim]:
+            name = _registered(session, worker, self._clock())
+            return claims.claim(session, name, n_jobs, campaign, self._clock(), lease_s)
+
+        return self._database.write(work)
+
+    def heartbeat(self, worker: WorkerInfo | str, held: Iterable[Ticket]) -> HeartbeatAnswer:
         """Extend the leases that a worker still holds; tell what to cancel, and what it has lost."""
         lease_s = self.leases.lease_s
-        return self._database.write(
-            lambda session: leases.heartbeat(session, worker, held, self._clock(), lease_s)
-        )
+
+        def work(session: Session) -> HeartbeatAnswer:
+            name = _registered(session, worker, self._clock())
+            return leases.heartbeat(session, name, held, self._clock(), lease_s)
+
+        return self._database.write(work)
 
     def complete(self, ticket: Ticket, outcome: JobOutcome) -> CompleteAnswer:
         """Take back an outcome; a stale one raises and changes nothing, a repeated one gets its answer."""
@@ -273,3 +280,11 @@ class Store:
     def identities(self) -> Identities:
         """Return who may use the archive, and who did what."""
         return Identities(self._database, self._clock)
+
+
+def _registered(session: Session, worker: WorkerInfo | str, now: float) -> str:
+    """Store what a worker says about itself, where it does, in the transaction of what it asks for."""
+    if isinstance(worker, str):
+        return worker
+    workers.register(session, worker, now)
+    return worker.name

@@ -37,6 +37,13 @@ _NTH_QUEUED = (
     .limit(1)
     .offset(bindparam("before"))
 )
+#: How many jobs of a search are in a state, up to `most`.
+_AT_MOST = select(func.count()).select_from(
+    select(_JOB.id)
+    .where(_JOB.search_id == bindparam("search_id"), _JOB.state == bindparam("state"))
+    .limit(bindparam("most"))
+    .subquery()
+)
 
 
 def submit(session: Session, spec: Spec, now: float, key: str | None = None) -> tuple[int, bool]:
@@ -340,5 +347,4 @@ def is_used_up(session: Session, search: SearchSpec, row: SearchRow) -> bool:
 
 def _at_most(session: Session, row: SearchRow, state: str, limit: int) -> int:
     """Return how many jobs are in a state, counted no further than needed."""
-    jobs = select(JobRow.id).where(JobRow.search_id == row.id, JobRow.state == state).limit(limit)
-    return session.scalar(select(func.count()).select_from(jobs.subquery())) or 0
+    return session.scalar(_AT_MOST, {"search_id": row.id, "state": state, "most": limit}) or 0
