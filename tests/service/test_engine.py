@@ -11,6 +11,7 @@ from sqlalchemy.exc import OperationalError, StatementError
 
 from service.db.columns import Json, Vector
 from service.db.engine import Database, DatabaseError
+from service.db.tables import SCHEMA_VERSION
 from service.db.tables import CampaignRow, EventRow
 
 DIALECT = sqlite.dialect()
@@ -91,7 +92,7 @@ def test_an_archive_of_another_version_is_refused_and_left_alone(tmp_path):
         connection.execute("CREATE TABLE campaign (id INTEGER)")
         connection.execute("PRAGMA user_version = 99")
     connection.close()
-    with pytest.raises(DatabaseError, match="expected schema version 1, got 99"):
+    with pytest.raises(DatabaseError, match=f"expected schema version {SCHEMA_VERSION}, got 99"):
         Database(tmp_path / "old.db")
 
 
