@@ -11,8 +11,7 @@ from sqlalchemy.exc import OperationalError, StatementError
 
 from service.db.columns import Json, Vector
 from service.db.engine import Database, DatabaseError
-from service.db.tables import SCHEMA_VERSION
-from service.db.tables import CampaignRow, EventRow
+from service.db.tables import SCHEMA_VERSION, CampaignRow, EventRow
 
 DIALECT = sqlite.dialect()
 
