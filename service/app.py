@@ -5,16 +5,49 @@ from importlib.metadata import version
 
 from fastapi import FastAPI
 
-from service.api import campaigns, events, health, jobs, metrics, pages, problems, solutions
+from service.api import (
+    campaigns,
+    events,
+    health,
+    jobs,
+    metrics,
+    pages,
+    problems,
+    seeds,
+    session,
+    solutions,
+    tokens,
+)
+from service.api.document import finish_document
 from service.api.errors import REFUSALS, add_error_handlers
-from service.security import Guard
+from service.guard import Guard
+from service.limits import Streams
+from service.security import Access, access_on
+from service.settings import Settings
 from service.store import Store
 
-ROUTERS = (campaigns.router, metrics.router, solutions.router, problems.router, jobs.router, events.router)
+ROUTERS = (
+    campaigns.router,
+    metrics.router,
+    solutions.router,
+    problems.router,
+    jobs.router,
+    events.router,
+    seeds.router,
+    session.router,
+    tokens.router,
+)
 
 
-def create_app(store: Store, is_closing: Callable[[], bool] = lambda: False) -> FastAPI:
-    """Return the application on a store; `is_closing` ends the event streams so that a server can stop."""
+def create_app(
+    store: Store, is_closing: Callable[[], bool] = lambda: False, access: Access | None = None
+) -> FastAPI:
+    """Return the application on a store; `is_closing` ends the event streams so that a server can stop.
+
+    Without `access` the service is for loopback, with or without sign-in as the environment says.
+    """
+    if access is None:
+        access = access_on("127.0.0.1", Settings.from_environment(), store.identities.has_token)
     app = FastAPI(
         title="coastarc",
         description="Global search for low-thrust trajectories that survive missed-thrust events.",
@@ -26,11 +59,15 @@ def create_app(store: Store, is_closing: Callable[[], bool] = lambda: False) -> 
     )
     app.state.store = store
     app.state.is_closing = is_closing
+    app.state.access = access
     add_error_handlers(app)
     for router in ROUTERS:
         app.include_router(router, prefix="/api/v1")
     app.include_router(health.router)
     app.include_router(health.router, prefix="/api/v1", include_in_schema=False)
     app.include_router(pages.router)
-    app.add_middleware(Guard)
+    app.include_router(session.pages)
+    finish_document(app)
+    app.state.streams = Streams(access.settings.streams_per_client)
+    app.add_middleware(Guard, store=store, access=access, streams=app.state.streams)
     return app

@@ -11,12 +11,12 @@ from sqlalchemy.orm import Session
 
 from core.transcription import layout_of
 from service.db.engine import Database
+from service.db.place import place_of
 from service.db.tables import JobRow, SearchRow, SolutionRow, SolveRow
 from service.search_spec import SearchSpec
 from service.spec import Spec
 from service.store import Store
 from service.store.archive import solution_hash
-from service.store.store import FILE_NAME
 
 #: Far beyond the chains that are planned when the campaign is submitted.
 FIRST_CHAIN = 10**12
@@ -53,7 +53,7 @@ def fill(folder: Path, spec: Spec, n_solves: int, rng: np.random.Generator) -> i
     """Store a campaign with so many made-up solves, shared out evenly among its searches; return its id."""
     with Store(folder) as store:
         campaign_id, _ = store.submit(spec)
-    database = Database(folder / FILE_NAME)
+    database = Database(place_of(folder))
     shares = np.diff(np.linspace(0, n_solves, len(spec.search) + 1).astype(int))
     found: dict[str, list[str]] = {}
     for (position, search), share in zip(spec.in_order, shares, strict=True):

@@ -1,37 +1,52 @@
 """The command `coastarc`: one line per error, exit code 2, never a traceback for what a user did."""
 
-import json
-import os
 import signal
 import sys
 from pathlib import Path
 from typing import Annotated, Any
 
-import httpx
 import typer
-from platformdirs import user_data_path
-from pydantic import BaseModel, TypeAdapter
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from service import terminal
+from service import cli_control, terminal
 from service.api.schemas import CampaignView, JobView
 from service.cli_bench import bench
+from service.cli_db import db
+from service.cli_dispatch import DispatchError, dispatch_command
+from service.cli_options import (
+    DATA,
+    DEFAULT_PORT,
+    DEFAULT_URL,
+    WORKERS,
+    Data,
+    Json,
+    Url,
+    Workers,
+    client_of,
+    console,
+    print_json,
+)
 from service.cli_report import report
-from service.cli_run import announce, run_to_end, serve_until_interrupted
-from service.coordinator import Coordinator, CoordinatorError
+from service.cli_run import announce, crew_of, run_to_end, serve_until_interrupted
+from service.cli_token import TokenError, token
+from service.client import ClientError
+from service.coordinator import Coordinator, CoordinatorError, Crew
 from service.db.engine import DatabaseError
 from service.doctor import check_all
 from service.lock import LockError
 from service.resolve import require_flyable
 from service.security import BindError
+from service.settings import SettingsError
 from service.spec import SpecError, load_spec
 from service.store import Store, StoreError
 from service.store.records import Filter
+from workers.client import ApiError
+from workers.dispatch import ExecutorKind
 from workers.executor import ExecutorError
+from workers.source import SourceError
 
-DEFAULT_PORT = 8741
 #: What a user can cause, and mend.
 USER_ERRORS = (
     SpecError,
@@ -39,8 +54,14 @@ USER_ERRORS = (
     DatabaseError,
     LockError,
     BindError,
+    SettingsError,
+    TokenError,
     CoordinatorError,
     ExecutorError,
+    DispatchError,
+    ClientError,
+    ApiError,
+    SourceError,
 )
 
 app = typer.Typer(
@@ -53,17 +74,23 @@ solutions = typer.Typer(help="Look at solutions.", no_args_is_help=True)
 app.add_typer(solutions, name="solutions")
 app.add_typer(bench, name="bench")
 app.command()(report)
-# What is piped into a file has no width to respect.
-console = Console(width=None if sys.stdout.isatty() else 140)
+app.add_typer(db, name="db")
+app.add_typer(token, name="token")
+app.command("dispatch")(dispatch_command)
+for command in (
+    cli_control.status,
+    cli_control.watch,
+    cli_control.pause,
+    cli_control.resume,
+    cli_control.cancel,
+    cli_control.seeds,
+):
+    app.command()(command)
 errors = Console(stderr=True)
 
 SpecFile = Annotated[Path, typer.Argument(help="Campaign specification, .toml or .json.")]
-Data = Annotated[Path, typer.Option(help="Folder of the archive.", envvar="COASTARC_DATA")]
-DATA = user_data_path("coastarc")
-Workers = Annotated[int, typer.Option(min=1, max=1024, help="Worker processes; one per core if left out.")]
-WORKERS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-Host = Annotated[str, typer.Option(help="Loopback address to serve on.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+Host = Annotated[str, typer.Option(help="Address to serve on; another than loopback asks for tokens.")]
+Executor = Annotated[ExecutorKind, typer.Option(help="What runs the jobs.")]
 CampaignId = Annotated[int | None, typer.Option(help="Id of a campaign.")]
 
 
@@ -72,6 +99,7 @@ def run(
     spec: SpecFile,
     data: Data = DATA,
     workers: Workers = WORKERS,
+    executor: Executor = ExecutorKind.PROCESS,
     host: Host = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0 takes a free one.")] = 0,
 ) -> None:
@@ -82,17 +110,25 @@ def run(
         campaign_id, is_new = coordinator.store.submit(specification)
         if n_revived := coordinator.store.revive(campaign_id):
             console.print(f"{n_revived} jobs that failed before are tried again.")
-        if coordinator.store.campaign(campaign_id).state == "done":
-            console.print(f"Campaign {campaign_id} has been run before; nothing is left to do.")
-            is_finished = True
-        else:
-            announce(console, coordinator)
-            if not is_new:
-                console.print(f"Going on with campaign {campaign_id}, which was begun before.")
-            is_finished = run_to_end(console, coordinator, campaign_id, workers)
+        is_finished = _go_on(coordinator, campaign_id, is_new, crew_of(executor, workers))
         view = coordinator.store.campaign(campaign_id)
         dead = coordinator.store.jobs(campaign_id, None, "dead", limit=1).items
     _conclude(view, dead, is_finished)
+
+
+def _go_on(coordinator: Coordinator, campaign_id: int, is_new: bool, crew: Crew) -> bool:
+    """Run what is left of a campaign; return whether it is at its end."""
+    state = coordinator.store.campaign(campaign_id).state
+    if state in ("done", "cancelled"):
+        how = "run" if state == "done" else "cancelled"
+        console.print(f"Campaign {campaign_id} has been {how} before; nothing is left to do.")
+        return True
+    announce(console, coordinator)
+    if not is_new:
+        console.print(f"Going on with campaign {campaign_id}, which was begun before.")
+    if state == "paused":
+        coordinator.store.control_campaign(campaign_id, "resume")
+    return run_to_end(console, coordinator, campaign_id, crew)
 
 
 def _conclude(view: CampaignView, dead: list[JobView], is_finished: bool) -> None:
@@ -111,51 +147,33 @@ def _conclude(view: CampaignView, dead: list[JobView], is_finished: bool) -> Non
 def serve(
     data: Data = DATA,
     workers: Workers = WORKERS,
+    executor: Executor = ExecutorKind.PROCESS,
     host: Host = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port.")] = DEFAULT_PORT,
 ) -> None:
     """Serve the page and the API, and work on every campaign that is submitted, until interrupted."""
     with Coordinator(data, host, port) as coordinator:
         announce(console, coordinator)
-        serve_until_interrupted(coordinator, workers)
+        serve_until_interrupted(coordinator, crew_of(executor, workers))
 
 
 @app.command()
 def submit(
     spec: SpecFile,
-    url: Annotated[
-        str, typer.Option(help="Where `coastarc serve` runs.")
-    ] = f"http://127.0.0.1:{DEFAULT_PORT}",
+    url: Url = DEFAULT_URL,
+    key: Annotated[
+        str | None, typer.Option(help="Makes a repetition known; another specification with it is refused.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Submit a campaign to a running coordinator."""
-    body = load_spec(spec).as_fields()
-    try:
-        # The coordinator makes the departure and the target before it answers.
-        answer = httpx.post(f"{url.rstrip('/')}/api/v1/campaigns", json=body, timeout=180)
-    except (httpx.TransportError, httpx.InvalidURL) as error:
-        advice = "start one with `coastarc serve`"
-        raise CoordinatorError(f"coordinator: expected one at {url}, got {error}; {advice}") from error
-    if answer.is_error:
-        raise SpecError(_detail(answer))
-    campaign = answer.json()
+    with client_of(url) as client:
+        campaign, is_new = client.submit(load_spec(spec).as_fields(), key)
     if as_json:
-        _print_json(campaign)
+        print_json(campaign)
     else:
-        news = "submitted" if answer.status_code == 201 else "is already there"
-        console.print(f"Campaign {campaign['id']} ({campaign['name']}) {news}; watch it at {url}")
-
-
-@app.command()
-def status(data: Data = DATA, campaign: CampaignId = None, as_json: Json = False) -> None:
-    """Show the campaigns of an archive, or one with its searches."""
-    with Store(data, read_only=True) as store:
-        if campaign is None:
-            items = store.campaigns()
-            _show(items, terminal.campaign_list(items), as_json)
-        else:
-            view = store.campaign(campaign)
-            _show(view, terminal.summary(view), as_json)
+        news = "submitted" if is_new else "is already there"
+        console.print(f"Campaign {campaign.id} ({campaign.name}) {news}; watch it at {url}")
 
 
 @solutions.command("list")
@@ -185,7 +203,7 @@ def show_solution(
     with Store(data, read_only=True) as store:
         record = store.record(store.find_solution(solution))
     if as_json:
-        _print_json(record)
+        print_json(record)
     else:
         terminal.print_record(console, record)
 
@@ -232,18 +250,6 @@ def _as_interrupt(*_: Any) -> None:
 
 def _show(content: Any, table: Table, as_json: bool) -> None:
     if as_json:
-        _print_json(content)
+        print_json(content)
     else:
         console.print(table)
-
-
-def _print_json(content: Any) -> None:
-    plain = content.model_dump(mode="json") if isinstance(content, BaseModel) else content
-    typer.echo(json.dumps(TypeAdapter(Any).dump_python(plain, mode="json"), indent=2))
-
-
-def _detail(answer: httpx.Response) -> str:
-    try:
-        return str(answer.json()["detail"])
-    except (ValueError, KeyError, TypeError):
-        return f"coordinator: expected a campaign, got status {answer.status_code} from {answer.url}"

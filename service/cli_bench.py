@@ -12,12 +12,14 @@ from service import terminal
 from service.bench_machine import machine
 from service.cli_bench_chain import chain
 from service.cli_bench_report import report
+from service.cli_bench_service import service
 from service.cli_bench_solve import solve
 
-bench = typer.Typer(help="Measure the speed of the numerics and of reports.", no_args_is_help=True)
+bench = typer.Typer(help="Measure the numerics, reports and the service.", no_args_is_help=True)
 bench.command()(solve)
 bench.command()(chain)
 bench.command()(report)
+bench.command()(service)
 
 RngSeed = Annotated[int, typer.Option(min=0, help="Fixes the points.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
@@ -25,7 +27,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 @bench.callback()
 def _group() -> None:
-    """Measure the speed of the numerics and of reports."""
+    """Measure the numerics, reports and the service."""
 
 
 @bench.command()

@@ -12,6 +12,7 @@ import typer
 
 from service.bench_archive import fill
 from service.bench_machine import machine
+from service.db.place import URL_VARIABLE, place_of
 from service.spec import load_spec
 from service.store import Store
 
@@ -30,6 +31,9 @@ def report(
     specification = load_spec(spec)
     with TemporaryDirectory() as place:
         folder = Path(place)
+        if not isinstance(place_of(folder), Path):
+            # It would fill an archive that somebody lives on.
+            raise typer.BadParameter(f"expected no database in {URL_VARIABLE}, got one; unset it")
         campaign_id = fill(folder, specification, outcomes, np.random.default_rng(rng_seed))
         with Store(folder, read_only=True) as store:
             facts, reading = _timed(lambda: store.campaign_facts(campaign_id))

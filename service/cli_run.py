@@ -6,14 +6,23 @@ from rich.console import Console
 from rich.live import Live
 
 from service import terminal
-from service.coordinator import Coordinator
-from workers.process_pool import ProcessPool
+from service.coordinator import Coordinator, Crew
+from workers.dispatch import RUNNER, ExecutorKind
+
+__all__ = ["RUNNER", "announce", "crew_of", "run_to_end", "serve_until_interrupted"]
 
 #: How often the terminal is drawn again, and a log gets a line [s].
 TERMINAL_PERIOD_S = 1.0
 LOG_PERIOD_S = 20.0
 #: How often it is asked whether all is done [s].
 STATE_PERIOD_S = 0.5
+#: States in which a campaign may go on: who paused it may resume it.
+UNFINISHED = ("active", "paused")
+
+
+def crew_of(executor: ExecutorKind, n_workers: int) -> Crew:
+    """Return what a dispatcher of this machine works with."""
+    return Crew(n_workers, executor, RUNNER)
 
 
 def announce(console: Console, coordinator: Coordinator) -> None:
@@ -22,10 +31,10 @@ def announce(console: Console, coordinator: Coordinator) -> None:
     console.print(f"Archive:   {coordinator.store.folder}", highlight=False, soft_wrap=True, markup=False)
 
 
-def run_to_end(console: Console, coordinator: Coordinator, campaign_id: int, n_workers: int) -> bool:
+def run_to_end(console: Console, coordinator: Coordinator, campaign_id: int, crew: Crew) -> bool:
     """Work on a campaign and show how far it is; return whether it finished, and was not interrupted."""
     try:
-        coordinator.work(ProcessPool(n_workers), campaign_id)
+        coordinator.work(crew, campaign_id)
         _follow(console, coordinator, campaign_id)
     except KeyboardInterrupt:
         console.print("Stopping; running solves hand in what they have ...")
@@ -38,7 +47,7 @@ def _follow(console: Console, coordinator: Coordinator, campaign_id: int) -> Non
     view = store.campaign(campaign_id)
     next_look = time.monotonic() + period
     with Live(terminal.progress(view), console=console, transient=True, auto_refresh=False) as live:
-        while store.campaign_state(campaign_id) == "active":
+        while store.campaign_state(campaign_id) in UNFINISHED:
             time.sleep(STATE_PERIOD_S)
             coordinator.raise_fault()
             if time.monotonic() < next_look:
@@ -52,10 +61,10 @@ def _follow(console: Console, coordinator: Coordinator, campaign_id: int) -> Non
                 console.print(terminal.progress_line(view), highlight=False)
 
 
-def serve_until_interrupted(coordinator: Coordinator, n_workers: int) -> None:
+def serve_until_interrupted(coordinator: Coordinator, crew: Crew) -> None:
     """Work on all campaigns until Ctrl-C."""
     try:
-        coordinator.work(ProcessPool(n_workers))
+        coordinator.work(crew)
         while True:
             time.sleep(STATE_PERIOD_S)
             coordinator.raise_fault()

@@ -1,57 +1,61 @@
-"""A coordinator with its own workers in one process tree: archive, dispatcher thread, web server thread."""
+"""A coordinator: archive, web server and reaper, and the dispatcher that it keeps as a child."""
 
-import os
+import hashlib
 import platform
 import socket
 import threading
 import time
-from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
 import uvicorn
+from pydantic import SecretStr
 
 from service.app import create_app
 from service.db.engine import unusable
 from service.lock import FolderLock
-from service.security import require_loopback
+from service.reaper import Reaper
+from service.rights import Role
+from service.scheduler.leases import LeaseSettings
+from service.security import Access, access_on
+from service.settings import Settings
 from service.store import Store
-from workers.dispatcher import Dispatcher
-from workers.executor import Executor, Ticket
-from workers.job import Claim, JobOutcome
+from service.supervisor import Supervisor
+from workers.dispatch import RUNNER, DispatchOrder, ExecutorKind
 
 #: How long the web server may take to start or to stop [s].
 SERVER_PATIENCE_S = 10.0
+#: The token of the dispatcher; made anew at every start, and gone with the coordinator [days].
+TOKEN_NAME, TOKEN_DAYS = "own dispatcher", 3650.0
 
 
 class CoordinatorError(RuntimeError):
     """A part of the coordinator that failed."""
 
 
-class LocalSource:
-    """The store as a source of jobs, of one campaign or of all."""
+@dataclass(frozen=True, slots=True)
+class Crew:
+    """What the dispatcher of a coordinator works with."""
 
-    def __init__(self, store: Store, campaign_id: int | None) -> None:
-        self._store = store
-        self._campaign_id = campaign_id
+    n_workers: int | None = None
+    executor: ExecutorKind = ExecutorKind.PROCESS
+    #: What calls the solver, as module:name.
+    runner: str = RUNNER
 
-    def claim(self, worker: str, n_jobs: int) -> Sequence[Claim]:
-        """Hand out jobs."""
-        return self._store.claim(worker, n_jobs, self._campaign_id)
 
-    def heartbeat(self, worker: str, held: Iterable[Ticket]) -> Sequence[Ticket]:
-        """Return what is to be cancelled: nothing, since these workers end with this process."""
-        return ()
+def local_prefix(folder: Path) -> str:
+    """Return how the names of workers begin that end with the coordinator of a data folder.
 
-    def complete(self, ticket: Ticket, outcome: JobOutcome) -> None:
-        """Take back an outcome."""
-        self._store.complete(ticket, outcome)
+    The next coordinator of the folder need not wait for their leases.
+    """
+    digest = hashlib.blake2b(str(folder.resolve()).encode(), digest_size=4).hexdigest()
+    return f"local:{platform.node()[:60]}:{digest}:".encode("ascii", "replace").decode()
 
 
 def open_port(host: str, port: int) -> socket.socket:
-    """Return a bound socket on a loopback address; port 0 takes any that is free."""
-    require_loopback(host)
+    """Return a bound socket; port 0 takes any that is free."""
     listener = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
@@ -67,11 +71,13 @@ def open_port(host: str, port: int) -> socket.socket:
 class WebServer:
     """uvicorn on a thread, so that the main thread keeps the terminal and its signals."""
 
-    def __init__(self, store: Store, listener: socket.socket, host: str) -> None:
-        shown = f"[{host}]" if ":" in host else host
+    def __init__(self, store: Store, listener: socket.socket, host: str, access: Access) -> None:
+        #: How this machine reaches it: an address that stands for all of them is nobody's.
+        reached = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
+        shown = f"[{reached}]" if ":" in reached else reached
         self.url = f"http://{shown}:{listener.getsockname()[1]}"
         self._closing = threading.Event()
-        app = create_app(store, is_closing=self._closing.is_set)
+        app = create_app(store, self._closing.is_set, access)
         config = uvicorn.Config(app, log_level="warning", access_log=False, timeout_graceful_shutdown=2)
         self._server = uvicorn.Server(config)
         self._thread = threading.Thread(target=self._server.run, args=([listener],), name="web", daemon=True)
@@ -95,7 +101,13 @@ class WebServer:
 class Coordinator:
     """Owns a data folder while it is open; jobs that a dead predecessor left go back to the queue."""
 
-    def __init__(self, folder: Path, host: str = "127.0.0.1", port: int = 0) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        leases: LeaseSettings = LeaseSettings(),  # noqa: B008
+    ) -> None:
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -104,30 +116,34 @@ class Coordinator:
         self._folder = folder
         self._address = (host, port)
         self._stop = threading.Event()
-        self._worker: threading.Thread | None = None
-        self._executor: Executor | None = None
-        self._fault: BaseException | None = None
+        self._reaper: threading.Thread | None = None
+        self._leases = leases
+        self._supervisor: Supervisor | None = None
 
     def __enter__(self) -> Self:
         """Open archive and web server; no work begins yet."""
         with ExitStack() as opened:
             listener = opened.enter_context(open_port(*self._address))
             opened.enter_context(self._lock)
-            self.store = opened.enter_context(Store(self._folder))
-            self.n_recovered = self.store.recover()
-            self._server = WebServer(self.store, listener, self._address[0])
+            self.store = opened.enter_context(Store(self._folder, leases=self._leases))
+            self.n_recovered = self.store.recover(local_prefix(self._folder))
+            host = self._address[0]
+            access = access_on(host, Settings.from_environment(), self.store.identities.has_token)
+            self._server = WebServer(self.store, listener, host, access)
             self._server.start()
+            self._reaper = threading.Thread(target=Reaper(self.store, self._stop).run, name="reaper")
+            self._reaper.start()
             # All of it stays open until `__exit__`.
             opened.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
         """Stop in the order of the data: solves, then pages, then the archive."""
+        if self._supervisor is not None:
+            self._supervisor.stop()
         self._stop.set()
-        if self._worker is not None:
-            self._worker.join()
-        if self._executor is not None:
-            self._executor.close()
+        if self._reaper is not None:
+            self._reaper.join()
         self._server.stop()
         self.store.close()
         self._lock.__exit__()
@@ -137,21 +153,31 @@ class Coordinator:
         """Where the page is."""
         return self._server.url
 
-    def work(self, executor: Executor, campaign_id: int | None = None) -> None:
-        """Begin to run jobs of one campaign, or of all; the executor is closed with the coordinator."""
-        self._executor = executor
-        source = LocalSource(self.store, campaign_id)
-        dispatcher = Dispatcher(source, executor, worker=f"{platform.node()}:{os.getpid()}")
-        self._worker = threading.Thread(target=self._dispatch, args=(dispatcher,), name="dispatcher")
-        self._worker.start()
+    @property
+    def dispatcher_pid(self) -> int | None:
+        """The process id of the dispatcher, if one runs."""
+        return self._supervisor.pid if self._supervisor else None
+
+    def work(self, crew: Crew, campaign_id: int | None = None) -> None:
+        """Begin to run jobs of one campaign, or of all, by a dispatcher that ends with the coordinator."""
+
+        def order() -> DispatchOrder:
+            # A token for each child, which has it in memory alone.
+            made = self.store.identities.replace(TOKEN_NAME, Role.WORKER, TOKEN_DAYS)
+            return DispatchOrder(
+                url=self.url,
+                token=SecretStr(made.token),
+                executor=crew.executor,
+                n_workers=crew.n_workers,
+                campaign_id=campaign_id,
+                runner=crew.runner,
+                prefix=local_prefix(self._folder),
+            )
+
+        self._supervisor = Supervisor(order)
+        self._supervisor.start()
 
     def raise_fault(self) -> None:
-        """Raise what ended the dispatcher, if something did."""
-        if self._fault is not None:
-            raise CoordinatorError(f"dispatcher: expected to run, got {self._fault!r}") from self._fault
-
-    def _dispatch(self, dispatcher: Dispatcher) -> None:
-        try:
-            dispatcher.run(self._stop.is_set)
-        except Exception as fault:
-            self._fault = fault
+        """Raise what keeps every dispatcher from working, if something does."""
+        if self._supervisor is not None and self._supervisor.fault is not None:
+            raise CoordinatorError(self._supervisor.fault)

@@ -1,7 +1,7 @@
 """What a campaign came to, as tables for the terminal."""
 
 from collections.abc import Sequence
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 
 from rich import box
 from rich.console import Console
@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from core.analysis.metrics import feasibility_ratio
-from service.api.schemas import CampaignItem, CampaignView, Record, SearchView
+from service.api.schemas import CampaignItem, CampaignView, JobView, Record, SearchView, SeedPage, WorkerView
 
 SUMMARY_COLUMNS = ("search", "strategy", "solves", "paper, %", "strict, %", "found", "kg", "km/s", "CPU, s")
 
@@ -54,9 +54,8 @@ def ratio(n_feasible: int, n_guesses: int) -> str:
 
 def progress(view: CampaignView) -> Table:
     """Return what changes while a campaign runs."""
-    left = "unknown" if view.eta_seconds is None else _duration(view.eta_seconds)
     gone = _duration(view.elapsed_seconds)
-    title = f"{view.name}: {gone} gone, {left} left, {view.rate_per_min:.1f} solves/min"
+    title = f"{view.name}: {gone} gone, {_left(view)} left, {view.rate_per_min:.1f} solves/min"
     rows = table("search", "strategy", "solves", "running", "strict", "best, kg", title=title)
     for search in view.searches:
         rows.add_row(
@@ -87,13 +86,61 @@ def progress_line(view: CampaignView) -> str:
     return f"{_duration(view.elapsed_seconds)}: " + "; ".join(parts)
 
 
-def campaign_list(items: list[CampaignItem]) -> Table:
-    """Return the campaigns."""
-    rows = table("id", "name", "state", "jobs", "solves", "solutions", "best, km/s")
+def campaign_list(items: Sequence[CampaignItem]) -> Table:
+    """Return the campaigns, with rate and time left of those that go on."""
+    rows = table("id", "name", "state", "jobs", "solves", "found", "best, km/s", "1/min", "left")
     for item in items:
         best = _shown(item.best_delta_v_km_s, 4)
         counts = (f"{item.n_done}/{item.n_jobs}", str(item.n_solves), str(item.n_solutions))
-        rows.add_row(str(item.id), item.name, item.state, *counts, best)
+        is_running = isinstance(item, CampaignView) and item.state == "active"
+        rate = f"{item.rate_per_min:.1f}" if isinstance(item, CampaignView) and is_running else "-"
+        left = _left(item) if isinstance(item, CampaignView) and is_running else "-"
+        rows.add_row(str(item.id), item.name, item.state, *counts, best, rate, left)
+    return rows
+
+
+def _left(view: CampaignView) -> str:
+    return "unknown" if view.eta_seconds is None else _duration(view.eta_seconds)
+
+
+def worker_list(workers: Sequence[WorkerView]) -> Table:
+    """Return workers and how long their shortest leases still run."""
+    rows = table("worker", "executor", "slots", "jobs", "seen, s ago", "lease, s")
+    now = datetime.now(UTC)
+    for worker in workers:
+        leases = [(held.lease_until - now).total_seconds() for held in worker.held]
+        seen = max(0.0, (now - worker.seen_at).total_seconds())
+        lease = f"{min(leases):.0f}" if leases else "-"
+        counts = (str(worker.slots), str(len(worker.held)))
+        rows.add_row(worker.name, worker.executor, *counts, f"{seen:.0f}", lease)
+    return rows
+
+
+def dead_jobs(jobs: Sequence[JobView]) -> Table:
+    """Return jobs that were given up, with the first line of the reason."""
+    rows = table("dead job", "campaign", "attempts", "ending", "reason")
+    for job in jobs:
+        rows.add_row(
+            str(job.id), str(job.campaign_id), str(job.attempt), job.ending or "-", Text(job.error or "-")
+        )
+    return rows
+
+
+def seed_list(page: SeedPage) -> Table:
+    """Return seeds in the order in which they would be mapped."""
+    shown = f"{len(page.items)} pairs of seed and mapping, from {page.n_candidates} solutions"
+    rows = table("seed", "k", "km/s", "days", "for", "mapping", "job", title=shown)
+    for seed in page.items:
+        target = " ".join(f"{outage.segment}:{outage.duration_days:g}" for outage in seed.outages)
+        rows.add_row(
+            seed.seed_id[:8],
+            str(len(seed.seed_outages)),
+            _shown(seed.delta_v_km_s, 4),
+            _shown(seed.time_of_flight_days, 2),
+            target,
+            seed.mapping,
+            "-" if seed.job_id is None else f"{seed.job_id} {seed.job_state}",
+        )
     return rows
 
 

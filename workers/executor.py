@@ -1,11 +1,17 @@
-"""The protocol of everything that runs jobs: inline, a pool of processes, later a cluster.
+"""The protocol of everything that runs jobs: inline, a pool of processes, a Ray cluster.
 
 An executor may forget all it holds at any time; the coordinator's database is the only truth.
+
+    ExecutorError(RuntimeError)   asked for what it cannot do
+        ExecutorLost              it no longer answers; a new one must be started
 """
 
 from typing import NamedTuple, Protocol
 
 from workers.job import Job, JobOutcome
+
+#: Time that an attempt has to stop by itself after it was asked, before it is killed [s].
+CANCEL_GRACE_S = 10.0
 
 
 class Ticket(NamedTuple):
@@ -26,6 +32,10 @@ class ExecutorError(RuntimeError):
     """An executor that was asked for what it cannot do."""
 
 
+class ExecutorLost(ExecutorError):
+    """An executor that no longer answers: what it held is lost, and its process had better end."""
+
+
 class Executor(Protocol):
     """Runs jobs; every ticket that was submitted comes back exactly once from `finished`."""
 
@@ -36,10 +46,16 @@ class Executor(Protocol):
         """Accept a job; never more than `capacity` at a time."""
 
     def finished(self, timeout: float) -> list[Finished]:
-        """Return what has ended, after waiting at most `timeout` seconds for a first one."""
+        """Return what has ended, after waiting at most `timeout` seconds for a first one.
+
+        Raises
+        ------
+        ExecutorLost
+            When nothing can be expected from this executor any more.
+        """
 
     def cancel(self, ticket: Ticket, force: bool = False) -> None:
-        """Ask an attempt to stop, or kill it; unknown tickets are ignored."""
+        """Ask an attempt to stop and kill it after a grace, or kill it now; unknown tickets are ignored."""
 
     def close(self) -> None:
         """Stop everything, and give back all resources."""

@@ -12,8 +12,10 @@ Runner = Callable[[Job, Callable[[], bool]], JobOutcome]
 class Inline:
     """An executor without concurrency: `finished` runs the job that was submitted first."""
 
-    def __init__(self, runner: Runner) -> None:
+    def __init__(self, runner: Runner, stop: Callable[[], bool] = lambda: False) -> None:
         self._runner = runner
+        #: Seen by the job that runs, since its thread is the caller's.
+        self._stop = stop
         self._waiting: deque[tuple[Ticket, Job]] = deque()
         self._cancelled: list[Finished] = []
 
@@ -34,7 +36,7 @@ class Inline:
         done, self._cancelled = self._cancelled, []
         while self._waiting:
             ticket, job = self._waiting.popleft()
-            done.append(Finished(ticket, self._runner(job, lambda: False)))
+            done.append(Finished(ticket, self._runner(job, self._stop)))
         return done
 
     def cancel(self, ticket: Ticket, force: bool = False) -> None:

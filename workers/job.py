@@ -4,10 +4,11 @@ A job says everything that its run needs, so that it gives the same result where
 it runs.  Decision vectors are in the paper layout and public units (days, throttle [-], rad, kg).
 """
 
+import json
 from enum import StrEnum
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 #: `HopAddress.kind` of the two kinds of job; part of every generator's key, so never renumbered.
 KIND_NUMBERS = {"hop": 0, "map": 1}
@@ -35,9 +36,25 @@ class Ending(StrEnum):
 
 
 class Message(BaseModel):
-    """Data that crosses a process boundary."""
+    """Data that crosses a process boundary: finite numbers, bounded texts and lists, no other fields."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+def _plain(details: dict[str, Any]) -> dict[str, Any]:
+    try:
+        json.dumps(details, allow_nan=False)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"expected plain JSON with finite numbers, got {error}") from error
+    return details
+
+
+#: What fits into a column of the database.
+RowId = Annotated[int, Field(ge=1, lt=2**63)]
+Count = Annotated[int, Field(ge=0, lt=2**63)]
+#: A limit also refuses texts that are no Unicode.
+Short = Annotated[str, Field(min_length=1, max_length=200)]
+Printed = Annotated[str, Field(pattern=r"^[!-~][ -~]{0,199}$", description="1 to 200 printable characters")]
 
 
 class Address(Message):
@@ -114,12 +131,12 @@ def wall_limit_s(job: HopJob | MapJob) -> float:
 class Provenance(Message):
     """What produced a result."""
 
-    code_version: str
-    python_version: str
-    package_versions: dict[str, str]
+    code_version: Short
+    python_version: Short
+    package_versions: dict[Short, Short]
     #: SHA-256 of the SPICE kernels by file name.
-    kernel_hashes: dict[str, str]
-    host: str
+    kernel_hashes: dict[Short, Short]
+    host: Short
 
 
 class Trajectory(Message):
@@ -135,8 +152,8 @@ class Trajectory(Message):
     initial_coast_days: float
     final_coast_days: float
     time_of_flight_days: float
-    insertion_epoch: str
-    arrival_epoch: str
+    insertion_epoch: Short
+    arrival_epoch: Short
 
 
 class Certificate(Message):
@@ -146,26 +163,26 @@ class Certificate(Message):
     strict: bool
     #: One row per trajectory: (x, y, z) [km], (vx, vy, vz) [km/s], m [kg].
     defects: tuple[tuple[float, ...], ...]
-    details: dict[str, Any] = {}
+    details: Annotated[dict[str, Any], AfterValidator(_plain)] = {}
     cpu_seconds: float
 
 
 class SolveRecord(Message):
     """One NLP solve, feasible or not; every one of them counts as a guess."""
 
-    hop: Annotated[int, Field(ge=0)]
-    rng_key: str
+    hop: Count
+    rng_key: Short
     ending: Ending
     #: Name of a `core.nlp.ExitStatus`.
-    status: str
+    status: Short
     is_feasible: bool
     objective_kg: float | None
     violation: float | None
     defects: tuple[tuple[float | None, ...], ...]
-    n_iterations: int
-    n_evaluations: int
-    cpu_seconds: float
-    wall_seconds: float
+    n_iterations: Count
+    n_evaluations: Count
+    cpu_seconds: Annotated[float, Field(ge=0)]
+    wall_seconds: Annotated[float, Field(ge=0)]
     #: What the chain did with it; None for a map job.
     move: Literal["accepted", "rejected", "restarted"] | None = None
     #: Only when the verifier found it feasible at the paper's tolerance or better.
@@ -181,7 +198,7 @@ class JobOutcome(Message):
     solves: tuple[SolveRecord, ...] = ()
     provenance: Provenance | None = None
     #: A traceback for `error`, the last words of the process for `crash`.
-    error: str | None = None
+    error: Annotated[str, Field(max_length=100_000)] | None = None
 
 
 class Claim(Message):
@@ -190,3 +207,81 @@ class Claim(Message):
     job_id: int
     attempt: int
     job: Job
+
+
+class HeldJob(Message):
+    """A job that a worker holds, with the attempt that fences it."""
+
+    job_id: RowId
+    attempt: RowId
+
+
+#: The tickets of one heartbeat, at most.
+MOST_HELD = 5000
+HeldJobs = Annotated[tuple[HeldJob, ...], Field(max_length=MOST_HELD)]
+
+
+class WorkerInfo(Message):
+    """What a dispatcher says about itself with every claim and heartbeat."""
+
+    #: Unique among all that work for a coordinator, and the same for as long as it holds jobs.
+    name: Printed
+    host: Printed
+    #: inline, process or ray.
+    executor: Printed
+    slots: Annotated[int, Field(ge=0, le=1_000_000)]
+    #: `workers.provenance.code_version()`; another one than the coordinator's is refused.
+    code_version: Printed
+    #: As in "3.11.7"; another minor version than the coordinator's is refused.
+    python_version: Annotated[str, Field(pattern=r"^\d{1,3}\.\d{1,3}\.[!-~]{1,40}$")]
+
+
+class ClaimRequest(Message):
+    """Asks for jobs that fit into the executor now."""
+
+    worker: WorkerInfo
+    n_jobs: Annotated[int, Field(ge=0, le=1000)]
+    #: Only those of one campaign.
+    campaign_id: RowId | None = None
+
+
+class ClaimAnswer(Message):
+    """Jobs that are the worker's until `lease_s` after this, or after its last heartbeat."""
+
+    claims: tuple[Claim, ...]
+    lease_s: float
+    #: How often to send a heartbeat.
+    heartbeat_s: float
+
+
+class HeartbeatRequest(Message):
+    """All jobs that a worker holds, in one call."""
+
+    worker: WorkerInfo
+    held: HeldJobs = ()
+
+
+class HeartbeatAnswer(Message):
+    """What became of each held job; those to cancel are extended too, so that they can stop in peace."""
+
+    extended: tuple[HeldJob, ...] = ()
+    to_cancel: tuple[HeldJob, ...] = ()
+    #: Somebody else's by now, or finished: stop, and report nothing.
+    not_held: tuple[HeldJob, ...] = ()
+
+
+class CompleteRequest(Message):
+    """How an attempt ended."""
+
+    job_id: RowId
+    attempt: RowId
+    outcome: JobOutcome
+
+
+class CompleteAnswer(Message):
+    """What the coordinator made of a report; the same report again gets the same answer."""
+
+    job_id: int
+    attempt: int
+    #: The state that the job got by this report.
+    state: Literal["done", "queued", "dead", "cancelled"]

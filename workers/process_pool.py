@@ -11,10 +11,11 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Iterator
 from typing import Any
 
-from workers.executor import ExecutorError, Finished, Ticket
+from workers.executor import CANCEL_GRACE_S, ExecutorError, Finished, Ticket
 from workers.job import Claim, Ending, Job, JobOutcome
 from workers.threads import single_threaded
 
@@ -30,6 +31,8 @@ class _Child:
     def __init__(self, runner: str, replies: "queue.Queue[tuple[_Child, str | None]]") -> None:
         self.ticket: Ticket | None = None
         self.is_killed = False
+        #: When to kill it, if it was asked to stop and does not.
+        self.patience_ends: float | None = None
         self._printed = tempfile.TemporaryFile()
         self.process = subprocess.Popen(
             # -P: a folder called `core` where the user happens to stand must not be imported.
@@ -55,6 +58,11 @@ class _Child:
             self.process.stdin.flush()
         except (BrokenPipeError, OSError):
             return
+
+    def kill(self) -> None:
+        """End the process at once."""
+        self.is_killed = True
+        self.process.kill()
 
     def obituary(self) -> JobOutcome:
         """Return what became of the job of a process that died: killed by us, or by something else."""
@@ -94,10 +102,13 @@ class _Child:
 class ProcessPool:
     """An executor of `n_workers` processes; `runner` names the function they call."""
 
-    def __init__(self, n_workers: int, runner: str = "workers.run:run_job") -> None:
+    def __init__(
+        self, n_workers: int, runner: str = "workers.run:run_job", grace_s: float = CANCEL_GRACE_S
+    ) -> None:
         if n_workers < 1:
             raise ExecutorError(f"workers: expected at least 1, got {n_workers}")
         self._runner = runner
+        self._grace_s = grace_s
         self._replies: queue.Queue[tuple[_Child, str | None]] = queue.Queue()
         self._children = [self._started() for _ in range(n_workers)]
 
@@ -123,9 +134,10 @@ class ProcessPool:
 
     def finished(self, timeout: float) -> list[Finished]:
         """Return what has ended, after waiting at most `timeout` seconds for a first one."""
+        self._kill_overdue()
         done = []
         for child, line in self._arrived(timeout):
-            ticket, child.ticket = child.ticket, None
+            ticket, child.ticket, child.patience_ends = child.ticket, None, None
             if line is None:
                 if ticket is not None:
                     done.append(Finished(ticket, child.obituary()))
@@ -136,13 +148,13 @@ class ProcessPool:
         return done
 
     def cancel(self, ticket: Ticket, force: bool = False) -> None:
-        """Ask the attempt to stop at its next iteration, or kill its process."""
+        """Ask the attempt to stop at its next iteration and kill it after a grace, or kill it now."""
         for child in self._children:
             if child.ticket == ticket:
                 if force:
-                    child.is_killed = True
-                    child.process.kill()
-                else:
+                    child.kill()
+                elif child.patience_ends is None:
+                    child.patience_ends = time.monotonic() + self._grace_s
                     child.send({"cancel": list(ticket)})
 
     def close(self) -> None:
@@ -150,6 +162,11 @@ class ProcessPool:
         for child in self._children:
             child.leave()
         self._children = []
+
+    def _kill_overdue(self) -> None:
+        for child in self._children:
+            if child.patience_ends is not None and time.monotonic() > child.patience_ends:
+                child.kill()
 
     def _started(self) -> _Child:
         return _Child(self._runner, self._replies)

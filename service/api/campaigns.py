@@ -1,11 +1,17 @@
-"""Campaigns: submit one, list them, see how far one is."""
+"""Campaigns: submit one, list them, see how far one is, and steer it.
+
+A campaign is active, paused, done or cancelled; a search may also wait for seeds.  Pausing lets running jobs
+finish; cancelling has them stopped, and is for good.  Asking for what is so already changes nothing, what
+cannot be from the present state is refused with 409.
+"""
 
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Body, Response
+from fastapi import APIRouter, Body, Header, Path, Response
 
 from service.api.context import Id, StoreHere
-from service.api.schemas import CampaignPage, CampaignView
+from service.api.jobs import CONFLICT
+from service.api.schemas import CampaignPage, CampaignView, PriorityWanted, WeightWanted
 from service.resolve import require_flyable
 from service.spec import spec_from
 
@@ -27,6 +33,13 @@ EXAMPLE = {
     ],
 }
 
+Key = Annotated[str | None, Header(pattern="^[!-~]{1,200}$", description="Unique for each submission")]
+SearchName = Annotated[
+    str, Path(pattern="^[A-Za-z0-9][A-Za-z0-9 ._-]{0,79}$", description="Name of a search")
+]
+Weight = Annotated[WeightWanted, Body(examples=[{"weight": 2.0}])]
+Priority = Annotated[PriorityWanted, Body(examples=[{"priority": -1}])]
+
 
 @router.get("/campaigns")
 def list_campaigns(store: StoreHere) -> CampaignPage:
@@ -34,14 +47,20 @@ def list_campaigns(store: StoreHere) -> CampaignPage:
     return CampaignPage(items=store.campaigns())
 
 
-@router.post("/campaigns", status_code=201, responses={200: {"model": CampaignView}})
+@router.post("/campaigns", status_code=201, responses={200: {"model": CampaignView}, **CONFLICT})
 def submit_campaign(
-    spec: Annotated[dict[str, Any], Body(examples=[EXAMPLE])], store: StoreHere, response: Response
+    spec: Annotated[dict[str, Any], Body(examples=[EXAMPLE])],
+    store: StoreHere,
+    response: Response,
+    idempotency_key: Key = None,
 ) -> CampaignView:
-    """Submit a campaign; the same specification again is the same campaign (200)."""
+    """Submit a campaign; the same specification again is the same campaign (200).
+
+    With an `Idempotency-Key` another specification under the same key is refused (409, `key_reused`).
+    """
     specification = spec_from(spec)
     require_flyable(specification)
-    campaign_id, is_new = store.submit(specification)
+    campaign_id, is_new = store.submit(specification, idempotency_key)
     response.status_code = 201 if is_new else 200
     response.headers["location"] = f"/api/v1/campaigns/{campaign_id}"
     return store.campaign(campaign_id)
@@ -50,4 +69,69 @@ def submit_campaign(
 @router.get("/campaigns/{campaign_id}")
 def get_campaign(campaign_id: Id, store: StoreHere) -> CampaignView:
     """Return a campaign with its searches and how far they are."""
+    return store.campaign(campaign_id)
+
+
+@router.post("/campaigns/{campaign_id}/pause", responses=CONFLICT)
+def pause_campaign(campaign_id: Id, store: StoreHere) -> CampaignView:
+    """Hand out no more jobs of a campaign; those that run finish."""
+    store.control_campaign(campaign_id, "pause")
+    return store.campaign(campaign_id)
+
+
+@router.post("/campaigns/{campaign_id}/resume", responses=CONFLICT)
+def resume_campaign(campaign_id: Id, store: StoreHere) -> CampaignView:
+    """Let a paused campaign go on."""
+    store.control_campaign(campaign_id, "resume")
+    return store.campaign(campaign_id)
+
+
+@router.post("/campaigns/{campaign_id}/cancel", responses=CONFLICT)
+def cancel_campaign(campaign_id: Id, store: StoreHere) -> CampaignView:
+    """End a campaign for good, and have its running jobs stopped; all results are kept."""
+    store.control_campaign(campaign_id, "cancel")
+    return store.campaign(campaign_id)
+
+
+@router.post("/campaigns/{campaign_id}/priority")
+def set_campaign_priority(campaign_id: Id, wanted: Priority, store: StoreHere) -> CampaignView:
+    """Let a campaign go before others or after them; lower goes first, 0 is usual."""
+    store.set_campaign(campaign_id, priority=wanted.priority)
+    return store.campaign(campaign_id)
+
+
+@router.post("/campaigns/{campaign_id}/searches/{name}/pause", responses=CONFLICT)
+def pause_search(campaign_id: Id, name: SearchName, store: StoreHere) -> CampaignView:
+    """Hand out no more jobs of a search; those that run finish."""
+    store.control_search(campaign_id, name, "pause")
+    return store.campaign(campaign_id)
+
+
+@router.post("/campaigns/{campaign_id}/searches/{name}/resume", responses=CONFLICT)
+def resume_search(campaign_id: Id, name: SearchName, store: StoreHere) -> CampaignView:
+    """Let a paused search go on."""
+    store.control_search(campaign_id, name, "resume")
+    return store.campaign(campaign_id)
+
+
+@router.post("/campaigns/{campaign_id}/searches/{name}/cancel", responses=CONFLICT)
+def cancel_search(campaign_id: Id, name: SearchName, store: StoreHere) -> CampaignView:
+    """End a search for good; searches that take its seeds go on with what it has found."""
+    store.control_search(campaign_id, name, "cancel")
+    return store.campaign(campaign_id)
+
+
+@router.post("/campaigns/{campaign_id}/searches/{name}/weight")
+def set_search_weight(campaign_id: Id, name: SearchName, wanted: Weight, store: StoreHere) -> CampaignView:
+    """Give a search another part of the workers, compared with searches of equal priority."""
+    store.set_search(campaign_id, name, weight=wanted.weight)
+    return store.campaign(campaign_id)
+
+
+@router.post("/campaigns/{campaign_id}/searches/{name}/priority")
+def set_search_priority(
+    campaign_id: Id, name: SearchName, wanted: Priority, store: StoreHere
+) -> CampaignView:
+    """Let a search go before others or after them; lower goes first, -k is usual for S(k|k')."""
+    store.set_search(campaign_id, name, priority=wanted.priority)
     return store.campaign(campaign_id)

@@ -1,10 +1,12 @@
-"""What routes are given: the store, and whether the service is about to stop."""
+"""What routes are given: the store, who asks, and the bounds of what may be asked."""
 
 from typing import Annotated
 
 from fastapi import Depends, Path, Query, Request
 
+from service.security import Access
 from service.store import Store
+from service.tokens import Identity
 
 
 def _store(request: Request) -> Store:
@@ -12,7 +14,21 @@ def _store(request: Request) -> Store:
     return store
 
 
+def _access(request: Request) -> Access:
+    access: Access = request.app.state.access
+    return access
+
+
+def _identity(request: Request) -> Identity:
+    # Set by `service.guard`, which lets nobody through without.
+    identity: Identity = request.state.identity
+    return identity
+
+
 StoreHere = Annotated[Store, Depends(_store)]
+AccessHere = Annotated[Access, Depends(_access)]
+#: Who asks: for routes whose line in `service.rights` names roles.
+IdentityHere = Annotated[Identity, Depends(_identity)]
 #: Ids fit into the database's integers.
 Id = Annotated[int, Path(ge=1, lt=2**63)]
 After = Annotated[int, Query(ge=0, lt=2**63)]

@@ -1,5 +1,7 @@
 """Every refusal as `application/problem+json` (RFC 9457)."""
 
+import logging
+from collections.abc import Collection, Mapping
 from http import HTTPStatus
 from typing import Any
 
@@ -10,13 +12,22 @@ from starlette.exceptions import HTTPException
 
 from core.faults import fault_lines
 from service.api.schemas import Fault
+from service.db.errors import WriteFault
 from service.spec import SpecError
 from service.store import StoreError, UnknownRow
+from service.store.errors import Conflict
+from service.store.identity import RefusedToken
+from workers.dispatcher import StaleAttempt
+
+log = logging.getLogger(__name__)
 
 #: What every route may answer besides its own; goes into the OpenAPI document.
 REFUSALS: dict[int | str, dict[str, Any]] = {
-    status: {"model": Fault, "content": {"application/problem+json": {}}} for status in (403, 404, 422)
+    status: {"model": Fault, "content": {"application/problem+json": {}}}
+    for status in (401, 403, 404, 413, 422, 429, 503)
 }
+#: After which a write is worth trying again [s].
+WRITE_PAUSE_S = 5
 
 UNROUTED = {
     404: "path: expected one of this service, got {path}; the list is at /api/v1/openapi.json",
@@ -24,10 +35,40 @@ UNROUTED = {
 }
 
 
-def problem_response(status: int, detail: str) -> JSONResponse:
-    """Return a refusal."""
-    fault = Fault(title=HTTPStatus(status).phrase, status=status, detail=detail)
-    return JSONResponse(fault.model_dump(), status_code=status, media_type="application/problem+json")
+def problem_response(
+    status: int, detail: str, headers: Mapping[str, str] | None = None, code: str | None = None
+) -> JSONResponse:
+    """Return a refusal; `code` is for programs that must tell refusals of one status apart."""
+    fault = Fault(title=HTTPStatus(status).phrase, status=status, detail=detail, code=code)
+    return JSONResponse(
+        fault.model_dump(exclude_none=True),
+        status_code=status,
+        media_type="application/problem+json",
+        headers=dict(headers or {}),
+    )
+
+
+def unauthorized(detail: str) -> JSONResponse:
+    """Return the refusal of somebody whom we do not know."""
+    return problem_response(401, detail, {"WWW-Authenticate": 'Bearer realm="coastarc"'})
+
+
+def too_many(detail: str, seconds: int) -> JSONResponse:
+    """Return the refusal of somebody who asks too often."""
+    return problem_response(429, f"{detail}; wait {seconds} s", {"Retry-After": str(seconds)})
+
+
+def unrouted(method: str, path: str, verbs: Collection[str]) -> JSONResponse:
+    """Return the refusal of a path that leads nowhere, or of a verb that it does not have."""
+    if not verbs:
+        return problem_response(404, UNROUTED[404].format(path=path[:200]))
+    allow = {"Allow": ", ".join(sorted(verbs))}
+    return problem_response(405, UNROUTED[405].format(path=path[:200], method=method[:20]), allow)
+
+
+def failed() -> JSONResponse:
+    """Return the answer where we failed; what went wrong inside is for the log, not for the client."""
+    return problem_response(500, "the service failed; its log has the details")
 
 
 def add_error_handlers(app: FastAPI) -> None:
@@ -40,7 +81,7 @@ def add_error_handlers(app: FastAPI) -> None:
             # What the framework refuses by itself says no more than the status.
             detail = UNROUTED.get(error.status_code, "request: expected another, got {method} {path}")
             detail = detail.format(method=request.method, path=request.url.path)
-        return problem_response(error.status_code, detail)
+        return problem_response(error.status_code, detail, error.headers)
 
     @app.exception_handler(RequestValidationError)
     def request(_: Request, error: RequestValidationError) -> JSONResponse:
@@ -50,15 +91,37 @@ def add_error_handlers(app: FastAPI) -> None:
     def spec(_: Request, error: SpecError) -> JSONResponse:
         return problem_response(422, str(error))
 
+    @app.exception_handler(StaleAttempt)
+    def stale(_: Request, error: StaleAttempt) -> JSONResponse:
+        return problem_response(409, str(error), code="stale_attempt")
+
+    @app.exception_handler(WriteFault)
+    def unwritten(_: Request, error: WriteFault) -> JSONResponse:
+        # Where the archive is and what the driver says of it is for the log alone.
+        log.error("%s", error)
+        detail = "archive: expected to take a write, got a fault; what was stored before is kept"
+        return problem_response(503, detail, {"Retry-After": str(WRITE_PAUSE_S)})
+
+    @app.exception_handler(Exception)
+    def bug(_: Request, error: Exception) -> JSONResponse:
+        return failed()
+
+    _add_store_handlers(app)
+
+
+def _add_store_handlers(app: FastAPI) -> None:
+    @app.exception_handler(RefusedToken)
+    def refused(_: Request, error: RefusedToken) -> JSONResponse:
+        return unauthorized(str(error))
+
     @app.exception_handler(UnknownRow)
     def unknown(_: Request, error: UnknownRow) -> JSONResponse:
         return problem_response(404, str(error))
 
+    @app.exception_handler(Conflict)
+    def conflict(_: Request, error: Conflict) -> JSONResponse:
+        return problem_response(409, str(error), code=error.code)
+
     @app.exception_handler(StoreError)
     def store(_: Request, error: StoreError) -> JSONResponse:
         return problem_response(422, str(error))
-
-    @app.exception_handler(Exception)
-    def bug(_: Request, error: Exception) -> JSONResponse:
-        # What went wrong inside is for the log, not for the client.
-        return problem_response(500, "the service failed; its log has the details")

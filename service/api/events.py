@@ -10,8 +10,7 @@ from fastapi.sse import EventSourceResponse, ServerSentEvent
 from starlette.concurrency import run_in_threadpool
 
 from service.api.context import After, CampaignWanted, Id, Limit, StoreHere
-from service.api.schemas import EventPage, EventView
-from service.store import Store
+from service.api.schemas import EventPage
 
 router = APIRouter(tags=["events"])
 
@@ -19,13 +18,18 @@ router = APIRouter(tags=["events"])
 POLL_S = 0.5
 #: A stream ends after this time, and the browser comes back with its last id [s].
 LIFETIME_S = 600.0
+#: How long the browser waits before it comes back [ms].
+RETRY_MS = 2000
+#: Events read at once.
+PAGE = 200
+EXAMPLE = 'id: 42\ndata: {"id":42,"campaign_id":1,"kind":"search","data":{"state":"done"}}\n\n'
 
 LastEventId = Annotated[int | None, Header(ge=0, lt=2**63, description="Id after which to go on")]
 
 
 @router.get("/events")
 def list_events(
-    store: StoreHere, after: After = 0, campaign: CampaignWanted = None, limit: Limit = 200
+    store: StoreHere, after: After = 0, campaign: CampaignWanted = None, limit: Limit = PAGE
 ) -> EventPage:
     """Return the events that follow an id, the oldest first."""
     return EventPage(items=store.events(after, campaign, limit))
@@ -37,7 +41,11 @@ def _campaign_exists(campaign_id: Id, store: StoreHere) -> Id:
     return campaign_id
 
 
-@router.get("/campaigns/{campaign_id}/events", response_class=EventSourceResponse)
+@router.get(
+    "/campaigns/{campaign_id}/events",
+    response_class=EventSourceResponse,
+    responses={200: {"content": {"text/event-stream": {"example": EXAMPLE}}}},
+)
 async def follow_campaign(
     campaign_id: Annotated[int, Depends(_campaign_exists)],
     store: StoreHere,
@@ -50,16 +58,16 @@ async def follow_campaign(
     Without a place to resume, the stream begins with the latest event: whoever reads the campaign anew at
     each event has then missed nothing between an earlier reading and the start of the stream.
     """
-    last = last_event_id if last_event_id is not None else after
-    if last is None:
-        last = max(0, await run_in_threadpool(store.last_event_id, campaign_id) - 1)
+    wanted = last_event_id if last_event_id is not None else after
+    latest = await run_in_threadpool(store.last_event_id, campaign_id)
+    # Ids beyond the latest come from before a backup was restored; waiting for them would be waiting long.
+    last = max(0, latest - 1) if wanted is None else min(wanted, latest)
+    yield ServerSentEvent(retry=RETRY_MS)
     end = time.monotonic() + LIFETIME_S
     while time.monotonic() < end and not request.app.state.is_closing():
-        for event in await run_in_threadpool(_read, store, last, campaign_id):
+        events = await run_in_threadpool(store.events, last, campaign_id, PAGE)
+        for event in events:
             last = event.id
             yield ServerSentEvent(id=str(last), data=event)
-        await anyio.sleep(POLL_S)
-
-
-def _read(store: Store, after: int, campaign_id: int) -> list[EventView]:
-    return store.events(after, campaign_id)
+        if len(events) < PAGE:
+            await anyio.sleep(POLL_S)

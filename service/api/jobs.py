@@ -1,11 +1,42 @@
-"""Jobs and how they stand."""
+"""Jobs: how they stand, what workers do with them, and what operators may do to them.
 
-from fastapi import APIRouter
+A job goes from queued to running to done; back to queued when its worker is lost or crashes; from running to
+dead after too many failures or a bug; to cancelled when asked; and from dead or cancelled to queued by
+`requeue`.  All other changes are refused with 409.
+"""
 
-from service.api.context import After, CampaignWanted, Limit, SearchWanted, StoreHere
-from service.api.schemas import JobPage, JobState
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Body
+
+from service.api.context import After, CampaignWanted, Id, Limit, SearchWanted, StoreHere
+from service.api.schemas import Fault, JobPage, JobState, JobView, WorkerPage
+from workers.executor import Ticket
+from workers.job import (
+    ClaimAnswer,
+    ClaimRequest,
+    CompleteAnswer,
+    CompleteRequest,
+    HeartbeatAnswer,
+    HeartbeatRequest,
+)
 
 router = APIRouter(tags=["jobs"])
+
+WORKER = {
+    "name": "node7:4711",
+    "host": "node7",
+    "executor": "process",
+    "slots": 8,
+    "code_version": "0.1.0+1f0c5e9a7b3d",
+    "python_version": "3.11.7",
+}
+HELD = {"job_id": 17, "attempt": 1}
+CLAIM = {"worker": WORKER, "n_jobs": 8}
+HEARTBEAT = {"worker": WORKER, "held": [HELD]}
+COMPLETE = HELD | {"outcome": {"ending": "crash", "error": "worker process: got exit code -9"}}
+#: What the routes of workers may answer besides the usual refusals.
+CONFLICT: dict[int | str, dict[str, Any]] = {409: {"model": Fault, "description": "Conflict; see `code`"}}
 
 
 @router.get("/jobs")
@@ -19,3 +50,66 @@ def list_jobs(
 ) -> JobPage:
     """Return jobs in order of id."""
     return store.jobs(campaign, search, state, limit, after)
+
+
+@router.get("/jobs/{job_id}")
+def get_job(job_id: Id, store: StoreHere) -> JobView:
+    """Return a job."""
+    return store.job(job_id)
+
+
+@router.post("/jobs/claim", responses=CONFLICT)
+def claim_jobs(
+    request: Annotated[ClaimRequest, Body(openapi_examples={"eight slots": {"value": CLAIM}})],
+    store: StoreHere,
+) -> ClaimAnswer:
+    """Hand out up to `n_jobs` jobs, which are the worker's for the time of a lease.
+
+    Workers with another code version or Python minor version are refused (409, `worker_refused`).
+    """
+    claims = store.claim(request.worker, request.n_jobs, request.campaign_id)
+    return ClaimAnswer(
+        claims=tuple(claims), lease_s=store.leases.lease_s, heartbeat_s=store.leases.heartbeat_s
+    )
+
+
+@router.post("/jobs/heartbeat", responses=CONFLICT)
+def keep_jobs(
+    request: Annotated[HeartbeatRequest, Body(openapi_examples={"one job": {"value": HEARTBEAT}})],
+    store: StoreHere,
+) -> HeartbeatAnswer:
+    """Extend the leases of all jobs that a worker holds; tell which to cancel, and which it has lost."""
+    held = [Ticket(job.job_id, job.attempt) for job in request.held]
+    return store.heartbeat(request.worker, held)
+
+
+@router.post("/jobs/complete", responses=CONFLICT)
+def complete_job(
+    request: Annotated[CompleteRequest, Body(openapi_examples={"a crash": {"value": COMPLETE}})],
+    store: StoreHere,
+) -> CompleteAnswer:
+    """Take back an outcome; the same report again gets the same answer.
+
+    An attempt that no longer holds the job changes nothing (409, `stale_attempt`).
+    """
+    return store.complete(Ticket(request.job_id, request.attempt), request.outcome)
+
+
+@router.post("/jobs/{job_id}/cancel", responses=CONFLICT)
+def cancel_job(job_id: Id, store: StoreHere) -> JobView:
+    """Take a job out of the queue, or have its worker stop it; a result that comes all the same is kept."""
+    store.cancel_job(job_id)
+    return store.job(job_id)
+
+
+@router.post("/jobs/{job_id}/requeue", responses=CONFLICT)
+def requeue_job(job_id: Id, store: StoreHere) -> JobView:
+    """Give a dead or cancelled job another attempt, its failures forgotten."""
+    store.requeue_job(job_id)
+    return store.job(job_id)
+
+
+@router.get("/workers")
+def list_workers(store: StoreHere) -> WorkerPage:
+    """Return the workers that have registered, those seen last first, with the jobs that they hold."""
+    return store.workers()

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 #: Rows of defects: one per trajectory, (x, y, z) [km], (vx, vy, vz) [km/s], m [kg].
 Defects = list[list[float]]
-SearchState = Literal["waiting", "active", "done", "cancelled"]
+SearchState = Literal["waiting", "active", "paused", "done", "cancelled"]
 CampaignState = Literal["active", "paused", "done", "cancelled"]
 JobState = Literal["queued", "running", "done", "dead", "cancelled"]
 Ending = Literal["feasible", "infeasible", "numerical", "timeout", "error", "crash", "lost", "cancelled"]
@@ -29,6 +29,8 @@ class Fault(Answer):
     title: str
     status: int
     detail: str
+    #: What a program reads where the status leaves open what was wrong, as "stale_attempt".
+    code: str | None = None
 
 
 class OutageView(Answer):
@@ -63,6 +65,9 @@ class SearchView(Answer):
     name: str
     strategy: str
     state: SearchState
+    #: Lower goes first; those of equal priority share the workers by weight.
+    priority: int
+    weight: float
     k: int
     #: The problems that it is about.
     cases: list[CaseView]
@@ -97,6 +102,8 @@ class CampaignItem(Answer):
     id: int
     name: str
     state: CampaignState
+    #: Lower goes first.
+    priority: int
     created_at: datetime
     finished_at: datetime | None
     rng_seed: int
@@ -247,6 +254,51 @@ class ProblemPage(Answer):
     items: list[ProblemItem]
 
 
+class PriorityWanted(BaseModel):
+    """Another priority; lower goes first."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    priority: int = Field(ge=-1_000_000, le=1_000_000)
+
+
+class WeightWanted(BaseModel):
+    """Another weight; a search of weight 2 gets twice the processor time of one of weight 1."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    weight: float = Field(ge=1e-3, le=1e6, allow_inf_nan=False)
+
+
+class SeedView(Answer):
+    """A solution that would seed a problem, and how."""
+
+    seed_id: str
+    seed_problem_hash: str
+    seed_outages: list[OutageView]
+    delta_v_km_s: float
+    time_of_flight_days: float
+    strict: bool
+    #: The case that it would be mapped to: its problem and its outages.
+    problem_hash: str
+    outages: list[OutageView]
+    #: The one concrete mapping.
+    mapping: str
+    #: The job that does it, where a search is asked about and has planned it.
+    job_id: int | None = None
+    job_state: JobState | None = None
+
+
+class SeedPage(Answer):
+    """Seeds in the order in which they would be mapped."""
+
+    items: list[SeedView]
+    #: Solutions that may be seeds, before the limit.
+    n_candidates: int
+    #: Whether there are more pairs of seed and mapping than are listed.
+    is_cut: bool
+
+
 class JobView(Answer):
     """A job: a block of hops of one chain, or one seed mapped and solved."""
 
@@ -257,6 +309,13 @@ class JobView(Answer):
     state: JobState
     attempt: int
     n_failures: int
+    #: Waits until then after a failure.
+    not_before: datetime | None
+    #: Who holds it, and until when if it sends no heartbeat.
+    worker: str | None
+    lease_until: datetime | None
+    #: To be stopped by its worker.
+    is_cancelling: bool
     ending: Ending | None
     #: The first line of what went wrong, for endings `error` and `crash`.
     error: str | None
@@ -271,6 +330,36 @@ class JobPage(Answer):
 
     items: list[JobView]
     next: int | None
+
+
+class HeldView(Answer):
+    """A job that a worker holds."""
+
+    job_id: int
+    attempt: int
+    lease_until: datetime
+
+
+class WorkerView(Answer):
+    """A dispatcher with its executor, as it described itself last."""
+
+    name: str
+    host: str
+    executor: str
+    slots: int
+    code_version: str
+    python_version: str
+    created_at: datetime
+    seen_at: datetime
+    #: Whether it was seen within the time of a lease.
+    is_alive: bool
+    held: list[HeldView]
+
+
+class WorkerPage(Answer):
+    """Workers, those seen last first."""
+
+    items: list[WorkerView]
 
 
 class EventView(Answer):

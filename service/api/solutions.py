@@ -2,32 +2,66 @@
 
 import json
 from functools import lru_cache
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from fastapi import APIRouter, Query
+from fastapi import APIRouter, HTTPException, Query
+from fastapi.responses import StreamingResponse
 
 from core.analysis.flight import fly
 from core.problem import problem_from
 from service.api.context import CampaignWanted, Hash, Limit, SearchWanted, StoreHere
+from service.api.export import CSV, NDJSON, csv_lines, ndjson_lines
 from service.api.schemas import Lineage, RecordPage, RecordWithVector
 from service.dashboard.pictures import flight_as_json
 from service.store.records import Filter
 
 router = APIRouter(tags=["solutions"])
 
+#: Solutions on a page unless asked for otherwise.
+PAGE = 50
+CSV_EXAMPLE = "id,campaign_id,search,...\n63dd0ec3...,1,s0,...\n"
+NDJSON_EXAMPLE = '{"id": "63dd0ec3...", "campaign_id": 1, "x": [38.2, 0.4]}\n'
 
-@router.get("/solutions")
+
+@router.get(
+    "/solutions",
+    response_model=RecordPage,
+    responses={
+        200: {
+            "content": {
+                CSV: {"schema": {"type": "string"}, "example": CSV_EXAMPLE},
+                NDJSON: {"schema": {"type": "string"}, "example": NDJSON_EXAMPLE},
+            }
+        }
+    },
+)
 def list_solutions(
     store: StoreHere,
     campaign: CampaignWanted = None,
     search: SearchWanted = None,
     strict: bool | None = None,
-    limit: Limit = 50,
+    format: Literal["json", "csv", "ndjson"] = "json",
+    limit: Limit | None = None,
     after: Annotated[str | None, Query(max_length=80, description="`next` of the page before")] = None,
-) -> RecordPage:
-    """Return solutions, the most final mass first."""
-    return store.records(Filter(campaign, search, strict), limit, after)
+) -> Any:
+    """Return solutions: as `json` a page, the most final mass first; as `csv` or `ndjson` all, by id.
+
+    NDJSON has every field and the decision vector, CSV the plain ones.  A download may take as long as it
+    likes and holds nothing up; one that breaks off lacks the end that HTTP promises.
+    """
+    wanted = Filter(campaign, search, strict)
+    if format == "json":
+        return store.records(wanted, limit or PAGE, after)
+    if limit is not None or after is not None:
+        raise HTTPException(
+            422, f"format {format}: expected neither limit nor after, got one; it has them all"
+        )
+    pages = store.record_pages(wanted)
+    name = {"Content-Disposition": f'attachment; filename="solutions.{format}"'}
+    if format == "csv":
+        return StreamingResponse(csv_lines(pages), media_type=CSV, headers=name)
+    return StreamingResponse(ndjson_lines(pages), media_type=NDJSON, headers=name)
 
 
 @router.get("/solutions/{solution_id}")

@@ -1,16 +1,92 @@
-"""What SQLite says in its own way; PostgreSQL's words join here."""
+"""What SQLite and PostgreSQL say each in its own way, on a connection that is open."""
 
-from typing import Any
+from functools import cache
+from typing import Any, cast
 
-from sqlalchemy.dialects.sqlite import insert
+from sqlalchemy import Connection, Table, inspect
+from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.orm import Session
 
 from service.db.tables import Base
 
+INSERTS: dict[str, Any] = {"sqlite": sqlite.insert, "postgresql": postgresql.insert}
+#: Where alembic keeps the revision; its name is the schema version in four digits.
+VERSION_TABLE = "alembic_version"
+VERSION_TABLE_SQL = (
+    f"CREATE TABLE {VERSION_TABLE} (version_num VARCHAR(32) NOT NULL, "
+    f"CONSTRAINT {VERSION_TABLE}_pkc PRIMARY KEY (version_num))"
+)
+
 
 def insert_new(session: Session, table: type[Base], values: dict[str, Any]) -> bool:
     """Insert a row unless its key is taken; return whether it is new."""
-    # Flushed first, since rows that are still pending may be what this one refers to.
-    session.flush()
-    statement = insert(table).values(values).on_conflict_do_nothing().returning(*table.__mapper__.primary_key)
-    return session.execute(statement).first() is not None
+    flush_new(session)
+    connection = session.connection()
+    return connection.execute(_insert(connection.dialect.name, table), values).first() is not None
+
+
+def flush_new(session: Session) -> None:
+    """Store the rows that are still pending, which one that is stored past the session may refer to."""
+    if session.new:
+        session.flush()
+
+
+def plain(table: type[Base]) -> Table:
+    """Return a table for statements that run past the session, which costs several times as much."""
+    return cast(Table, table.__table__)
+
+
+@cache
+def _insert(dialect: str, table: type[Base]) -> Any:
+    # Made once: to build a statement takes longer than to run it.
+    rows = plain(table)
+    return INSERTS[dialect](rows).on_conflict_do_nothing().returning(*rows.primary_key)
+
+
+def is_empty(connection: Connection) -> bool:
+    """Return whether a database holds no table at all."""
+    return not inspect(connection).get_table_names()
+
+
+def read_version(connection: Connection) -> int | None:
+    """Return the schema version of an archive, or None where there is none."""
+    if inspect(connection).has_table(VERSION_TABLE):
+        found = connection.exec_driver_sql(f"SELECT version_num FROM {VERSION_TABLE}").scalar()
+        return int(found) if found and found.isdecimal() else None
+    if connection.dialect.name == "sqlite":
+        # Versions 1 and 2 knew no revisions.
+        return connection.exec_driver_sql("PRAGMA user_version").scalar() or None
+    return None
+
+
+def mark_version(connection: Connection, version: int) -> None:
+    """Say in the file's header what the schema version is, where programs of versions 1 and 2 look for it."""
+    if connection.dialect.name == "sqlite":
+        connection.exec_driver_sql(f"PRAGMA user_version = {version}")
+
+
+def create_tables(connection: Connection, version: int) -> None:
+    """Make the tables of a new archive; the migrations, one after the other, make the same."""
+    Base.metadata.create_all(connection)
+    connection.exec_driver_sql(VERSION_TABLE_SQL)
+    connection.exec_driver_sql(f"INSERT INTO {VERSION_TABLE} VALUES ('{revision(version)}')")
+    mark_version(connection, version)
+
+
+def revision(version: int) -> str:
+    """Return the revision that makes a schema version."""
+    return f"{version:04d}"
+
+
+def go_on_counting(connection: Connection) -> None:
+    """Let PostgreSQL count on from rows that came with their ids; SQLite looks at the rows by itself."""
+    if connection.dialect.name != "postgresql":
+        return
+    for table in Base.metadata.sorted_tables:
+        column = table.autoincrement_column
+        if column is not None:
+            sequence = f"pg_get_serial_sequence('{table.name}', '{column.name}')"
+            greatest = f"(SELECT max({column.name}) FROM {table.name})"
+            connection.exec_driver_sql(
+                f"SELECT setval({sequence}, coalesce({greatest}, 1), {greatest} IS NOT NULL)"
+            )

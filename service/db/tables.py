@@ -1,25 +1,25 @@
 """The tables: what was asked for, what is being done, what was found, and from which seed.
 
-Times are seconds since 1970 (UTC) of the coordinator's clock.  States are checked by the database, so no
-program can store one that does not exist.
+Times are seconds since 1970 (UTC) of the coordinator's clock.  States and their changes are checked by the
+database, so no program can store one that does not exist.
 """
 
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import CheckConstraint, ForeignKey, ForeignKeyConstraint, Index, Text, UniqueConstraint, text
+from sqlalchemy import CheckConstraint, ForeignKey, ForeignKeyConstraint, Index, Text, UniqueConstraint
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
-from service.db.columns import Flag, Json, Number, Vector
+from service.db.columns import Flag, Json, Number, Vector, Whole, partial_index
+from service.db.triggers import guard_transitions
+from service.scheduler.states import TRANSITIONS
 from workers.job import Ending
 
 #: Grows with every change of the tables; kept in SQLite's user_version.
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 
-CAMPAIGN_STATES = ("active", "paused", "done", "cancelled")
-SEARCH_STATES = ("waiting", "active", "done", "cancelled")
-JOB_STATES = ("queued", "running", "done", "dead", "cancelled")
+CAMPAIGN_STATES, SEARCH_STATES, JOB_STATES = (tuple(TRANSITIONS[n]) for n in ("campaign", "search", "job"))
 ENDINGS = tuple(ending.value for ending in Ending)
 
 
@@ -35,7 +35,7 @@ def _table(*rules: Any) -> tuple[Any, ...]:
 class Base(DeclarativeBase):
     """Root of the tables; a float is eight bytes, text has no length."""
 
-    type_annotation_map = {float: Number, str: Text, bool: Flag}  # noqa: RUF012
+    type_annotation_map = {float: Number, int: Whole, str: Text, bool: Flag}  # noqa: RUF012
 
 
 class CampaignRow(Base):
@@ -46,11 +46,25 @@ class CampaignRow(Base):
     id: Mapped[int] = mapped_column(primary_key=True)
     name: Mapped[str]
     spec_hash: Mapped[str] = mapped_column(unique=True)
-    spec: Mapped[Any] = mapped_column(Json)
+    #: Read by itself, since it is large and rarely needed; see `service.store.specs`.
+    spec: Mapped[Any] = mapped_column(Json, deferred=True)
     rng_seed: Mapped[int]
     state: Mapped[str]
+    #: Lower goes first.
+    priority: Mapped[int] = mapped_column(default=0, server_default="0")
     created_at: Mapped[float]
     finished_at: Mapped[float | None]
+
+
+class SubmissionRow(Base):
+    """What came with an idempotency key, so that a repeated request is known as one."""
+
+    __tablename__ = "submission"
+    __table_args__ = _table()
+    key: Mapped[str] = mapped_column(primary_key=True)
+    spec_hash: Mapped[str]
+    campaign_id: Mapped[int] = mapped_column(ForeignKey("campaign.id"))
+    created_at: Mapped[float]
 
 
 class ProblemRow(Base):
@@ -72,6 +86,8 @@ class SearchRow(Base):
         UniqueConstraint("campaign_id", "position"),
         UniqueConstraint("campaign_id", "name"),
         _one_of("state", SEARCH_STATES),
+        CheckConstraint("weight > 0", name="positive_weight"),
+        Index("search_of_source", "source_id"),
     )
     id: Mapped[int] = mapped_column(primary_key=True)
     campaign_id: Mapped[int] = mapped_column(ForeignKey("campaign.id"))
@@ -81,6 +97,16 @@ class SearchRow(Base):
     #: Search that the seeds come from.
     source_id: Mapped[int | None] = mapped_column(ForeignKey("search.id"))
     state: Mapped[str]
+    #: Lower goes first, among searches of campaigns with equal priorities.
+    priority: Mapped[int] = mapped_column(default=0, server_default="0")
+    #: Its part of the workers, compared with searches of equal priority.
+    weight: Mapped[float] = mapped_column(default=1.0, server_default="1")
+    #: Processor time per weight that it has had, raised to that of the others when it joins them [s].
+    served_s: Mapped[float] = mapped_column(default=0.0, server_default="0")
+    #: Totals of its jobs and solves, counted as they come.
+    n_planned: Mapped[int] = mapped_column(default=0, server_default="0")
+    n_solves: Mapped[int] = mapped_column(default=0, server_default="0")
+    cpu_seconds: Mapped[float] = mapped_column(default=0.0, server_default="0")
 
 
 class CaseRow(Base):
@@ -104,7 +130,11 @@ class JobRow(Base):
         ForeignKeyConstraint(["search_id", "case_index"], ["search_case.search_id", "search_case.position"]),
         CheckConstraint("(kind = 'map') = (seed_id IS NOT NULL)", name="map_has_seed"),
         CheckConstraint("(kind = 'map') = (mapping IS NOT NULL)", name="map_has_mapping"),
-        Index("job_queue", "priority", "id", sqlite_where=text("state = 'queued'")),
+        CheckConstraint("(state = 'running') = (lease_until IS NOT NULL)", name="running_has_lease"),
+        CheckConstraint("NOT is_cancelling OR state = 'running'", name="cancelling_runs"),
+        partial_index("job_queue", "search_id", "priority", "id", where="state = 'queued'"),
+        partial_index("job_lease", "lease_until", where="state = 'running'"),
+        partial_index("job_of_worker", "worker", where="state = 'running'"),
         Index("job_of_search", "search_id", "state"),
     )
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -120,11 +150,17 @@ class JobRow(Base):
     #: The one concrete mapping of the seed.
     mapping: Mapped[str | None]
     state: Mapped[str]
-    #: Lower goes first.
+    #: Lower goes first, within its search.
     priority: Mapped[int]
     #: Only grows: the fence that a late report does not pass.
     attempt: Mapped[int]
     n_failures: Mapped[int]
+    #: Not handed out before, after a failure.
+    not_before: Mapped[float] = mapped_column(default=0.0, server_default="0")
+    #: Set while it runs alone.
+    lease_until: Mapped[float | None]
+    #: Its worker is told with the next heartbeat.
+    is_cancelling: Mapped[bool] = mapped_column(default=False, server_default="0")
     worker: Mapped[str | None]
     ending: Mapped[str | None]
     created_at: Mapped[float]
@@ -151,8 +187,25 @@ class AttemptRow(Base):
     started_at: Mapped[float]
     ended_at: Mapped[float | None]
     ending: Mapped[str | None]
+    #: State that the report of this attempt gave to the job; NULL if none was accepted.
+    next_state: Mapped[str | None]
     error: Mapped[str | None]
     provenance_hash: Mapped[str | None] = mapped_column(ForeignKey("provenance.hash"))
+
+
+class WorkerRow(Base):
+    """A dispatcher with its executor, as it described itself last."""
+
+    __tablename__ = "worker"
+    __table_args__ = _table(Index("worker_seen", "seen_at"))
+    name: Mapped[str] = mapped_column(primary_key=True)
+    host: Mapped[str]
+    executor: Mapped[str]
+    slots: Mapped[int]
+    code_version: Mapped[str]
+    python_version: Mapped[str]
+    created_at: Mapped[float]
+    seen_at: Mapped[float]
 
 
 class SolveRow(Base):
@@ -239,3 +292,7 @@ class EventRow(Base):
     kind: Mapped[str]
     data: Mapped[Any] = mapped_column(Json)
     created_at: Mapped[float]
+
+
+for row in (CampaignRow, SearchRow, JobRow):
+    guard_transitions(row.metadata.tables[row.__tablename__])

@@ -41,7 +41,9 @@ class Progress:
 
     #: Chains that were ever planned.
     n_chains: int
+    #: Up to `CHAINS_AHEAD`, beyond which it makes no difference.
     n_queued: int
+    #: Up to 1.
     n_running: int
     cpu_seconds: float
     n_solutions: int

@@ -1,31 +1,38 @@
 """Solves, solutions and the links to their seeds; a new solution plans the jobs that it seeds."""
 
 import hashlib
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from sqlalchemy import select
+from sqlalchemy import bindparam, select
 from sqlalchemy.orm import Session
 
-from core.problem import problem_from
-from core.transcription import checked_vector, layout_of
+from core.transcription import checked_vector
 from service.db.dialect import insert_new
 from service.db.tables import (
     CampaignRow,
-    CaseRow,
     JobRow,
-    ProblemRow,
     SearchRow,
     SeedLinkRow,
     SolutionRow,
     SolveRow,
 )
 from service.scheduler import plan
+from service.scheduler.states import ENDED
 from service.store.events import note
-from service.store.specs import search_spec, spec_of
-from service.store.submission import add_job, progress_of
+from service.store.held import Held
+from service.store.specs import layout_of_problem, search_spec, spec_of
+from service.store.submission import add_jobs, is_used_up
 from workers.job import SolveRecord
 
+#: The searches that take the seeds of one, with their campaigns.
+_FED = (
+    select(SearchRow, CampaignRow)
+    .join(CampaignRow, CampaignRow.id == SearchRow.campaign_id)
+    .where(SearchRow.source_id == bindparam("source_id"))
+    .order_by(SearchRow.id)
+)
 #: Fields of a record that a row takes over as they are.
 COPIED = (
     "hop",
@@ -48,19 +55,19 @@ def solution_hash(problem_hash: str, x: Any) -> str:
     return hashlib.blake2b(bytes.fromhex(problem_hash) + vector.tobytes(), digest_size=16).hexdigest()
 
 
-def add_solve(
-    session: Session, campaign: CampaignRow, search: SearchRow, job: JobRow, record: SolveRecord, now: float
-) -> None:
-    """Store a solve and what it found, unless an earlier attempt had handed in the same hop."""
-    solution_id = _add_solution(session, job, record, now)
+def add_solve(session: Session, held: Held, record: SolveRecord, now: float) -> bool:
+    """Store a solve and what it found, unless an earlier attempt had handed in the same hop; tell which."""
+    job = held.job
+    solution_id = _add_solution(session, held.problem_hash, record, now)
     is_new = insert_new(session, SolveRow, _solve_values(job, record, solution_id, now))
     if solution_id is None or not is_new:
-        return
-    _announce(session, campaign, search, solution_id, now)
+        return is_new
+    _announce(session, held, record, solution_id, now)
     if job.seed_id is not None and job.seed_id != solution_id:
         link = {"solution_id": solution_id, "seed_id": job.seed_id, "mapping": job.mapping}
         insert_new(session, SeedLinkRow, link)
-    _plan_seeded(session, campaign, job, record, solution_id, now)
+    _plan_seeded(session, held, record, solution_id, now)
+    return True
 
 
 def _solve_values(job: JobRow, record: SolveRecord, solution_id: str | None, now: float) -> dict[str, Any]:
@@ -78,13 +85,11 @@ def _solve_values(job: JobRow, record: SolveRecord, solution_id: str | None, now
     }
 
 
-def _add_solution(session: Session, job: JobRow, record: SolveRecord, now: float) -> str | None:
+def _add_solution(session: Session, problem_hash: str, record: SolveRecord, now: float) -> str | None:
     if record.x is None or record.trajectory is None or record.certificate is None:
         return None
-    case = session.get_one(CaseRow, (job.search_id, job.case_index))
-    definition = session.get_one(ProblemRow, case.problem_hash).definition
-    x = checked_vector(layout_of(problem_from(definition)), record.x)
-    key = solution_hash(case.problem_hash, x)
+    x = checked_vector(layout_of_problem(session, problem_hash), record.x)
+    key = solution_hash(problem_hash, x)
     facts = record.trajectory.model_dump(exclude={"final_mass_kg"})
     insert_new(
         session,
@@ -92,7 +97,7 @@ def _add_solution(session: Session, job: JobRow, record: SolveRecord, now: float
         facts
         | {
             "id": key,
-            "problem_hash": case.problem_hash,
+            "problem_hash": problem_hash,
             "x": x,
             "objective_kg": record.trajectory.final_mass_kg,
             "defects": _flat(record.certificate.defects),
@@ -110,44 +115,44 @@ def _flat(defects: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
     return np.array(defects, dtype=np.float64).ravel()
 
 
-def _announce(
-    session: Session, campaign: CampaignRow, search: SearchRow, solution_id: str, now: float
-) -> None:
-    solution = session.get_one(SolutionRow, solution_id)
+def _announce(session: Session, held: Held, record: SolveRecord, solution_id: str, now: float) -> None:
+    assert record.trajectory is not None and record.certificate is not None
     note(
         session,
-        campaign.id,
+        held.campaign.id,
         "solution",
         now,
         id=solution_id,
-        search=search.name,
-        search_id=search.id,
-        delta_v_km_s=solution.delta_v_km_s,
-        propellant_kg=solution.propellant_kg,
-        strict=solution.strict,
+        search=held.search.name,
+        search_id=held.search.id,
+        delta_v_km_s=record.trajectory.delta_v_km_s,
+        propellant_kg=record.trajectory.propellant_kg,
+        strict=record.certificate.strict,
     )
 
 
-def _plan_seeded(
-    session: Session, campaign: CampaignRow, job: JobRow, record: SolveRecord, solution_id: str, now: float
-) -> None:
+def _plan_seeded(session: Session, held: Held, record: SolveRecord, solution_id: str, now: float) -> None:
     """Plan the map jobs of every search that takes each seed at once."""
     assert record.trajectory is not None and record.certificate is not None
+    job = held.job
     seed = plan.Candidate(
         solution_id,
         (job.case_index, job.chain, record.hop),
-        search_spec(campaign, session.get_one(SearchRow, job.search_id)).outage_sets[job.case_index],
+        search_spec(held.campaign, held.search).outage_sets[job.case_index],
         record.trajectory.delta_v_km_s,
         record.trajectory.time_of_flight_days,
     )
-    for row in session.scalars(select(SearchRow).where(SearchRow.source_id == job.search_id)):
-        # Another campaign may feed on this one.
-        owner = session.get_one(CampaignRow, row.campaign_id)
+    for row, owner in _fed(session, held):
         search = search_spec(owner, row)
-        is_open = row.state in ("waiting", "active")
-        if search.seeds is None or not search.is_immediate or not is_open:
+        if search.seeds is None or not search.is_immediate or row.state in ENDED:
             continue
         is_good = record.certificate.strict or search.seeds.tolerance == "paper"
-        if is_good and not plan.is_exhausted(search, progress_of(session, search, row, False)):
-            for planned in plan.map_jobs(spec_of(owner), search, seed):
-                add_job(session, search, row, planned, now)
+        if is_good and not is_used_up(session, search, row):
+            if add_jobs(session, search, row, plan.map_jobs(spec_of(owner), search, seed), now):
+                held.fed[row.id] = row, owner
+
+
+def _fed(session: Session, held: Held) -> Sequence[Any]:
+    """Return the searches that take seeds of this one, with their campaigns: another may feed on it."""
+    found: Sequence[Any] = session.execute(_FED, {"source_id": held.search.id}).all()
+    return found

@@ -1,6 +1,6 @@
 """Problems and jobs, as lists."""
 
-from sqlalchemy import select
+from sqlalchemy import Select, select
 from sqlalchemy.orm import Session
 
 from service.api.schemas import JobPage, JobView, OutageView, ProblemItem, ProblemPage, ProblemView
@@ -31,15 +31,7 @@ def list_jobs(
     session: Session, campaign: int | None, search: str | None, state: str | None, limit: int, after: int
 ) -> JobPage:
     """Return a page of jobs in order of id."""
-    is_last = (AttemptRow.job_id == JobRow.id) & (AttemptRow.attempt == JobRow.attempt)
-    query = (
-        select(JobRow, SearchRow.campaign_id, AttemptRow.error)
-        .join(SearchRow, SearchRow.id == JobRow.search_id)
-        .outerjoin(AttemptRow, is_last)
-        .where(JobRow.id > after)
-        .order_by(JobRow.id)
-        .limit(limit + 1)
-    )
+    query = _jobs().where(JobRow.id > after).order_by(JobRow.id).limit(limit + 1)
     if campaign is not None:
         query = query.where(SearchRow.campaign_id == campaign)
     if search is not None:
@@ -50,10 +42,28 @@ def list_jobs(
     return JobPage(items=jobs[:limit], next=jobs[limit - 1].id if len(jobs) > limit else None)
 
 
+def get_job(session: Session, job_id: int) -> JobView:
+    """Return a job."""
+    found = session.execute(_jobs().where(JobRow.id == job_id)).first()
+    if found is None:
+        raise UnknownRow("job", job_id)
+    return _job(*found)
+
+
+def _jobs() -> Select[JobRow, int, str | None]:
+    is_last = (AttemptRow.job_id == JobRow.id) & (AttemptRow.attempt == JobRow.attempt)
+    return (
+        select(JobRow, SearchRow.campaign_id, AttemptRow.error)
+        .join(SearchRow, SearchRow.id == JobRow.search_id)
+        .outerjoin(AttemptRow, is_last)
+    )
+
+
 def _job(row: JobRow, campaign_id: int, error: str | None) -> JobView:
     # The last line of a traceback names the exception, what comes before it only where.
     shown = error.strip().splitlines()[-1] if error else None
     columns = {
         name: getattr(row, name) for name in JobView.model_fields if name not in ("campaign_id", "error")
     }
+    columns["not_before"] = row.not_before or None
     return JobView(**columns, campaign_id=campaign_id, error=shown)

@@ -2,6 +2,10 @@
 
 StoreError(RuntimeError)
 UnknownRow      no row has this id
+Conflict        what is stored already stands against it
+    WrongState      a campaign, search or job from whose state this cannot be done
+    KeyReused       an idempotency key that came with another specification before
+    WorkerRefused   a worker that would not compute what the others do
 """
 
 
@@ -14,3 +18,28 @@ class UnknownRow(StoreError):
 
     def __init__(self, noun: str, key: object) -> None:
         super().__init__(f"{noun} {key}: expected one that exists, got none with this id")
+
+
+class Conflict(StoreError):
+    """What is stored already stands against it."""
+
+    #: What a program reads in the refusal.
+    code = "conflict"
+
+
+class WrongState(Conflict):
+    """A campaign, search or job from whose state this cannot be done."""
+
+    code = "wrong_state"
+
+
+class KeyReused(Conflict):
+    """An idempotency key that came with another specification before."""
+
+    code = "key_reused"
+
+
+class WorkerRefused(Conflict):
+    """A worker that would not compute what the others do."""
+
+    code = "worker_refused"

@@ -2,16 +2,40 @@
 
 from typing import Any
 
-from sqlalchemy import func, select
+from sqlalchemy import func, insert, select
 from sqlalchemy.orm import Session
 
 from service.api.schemas import EventView
-from service.db.tables import EventRow
+from service.db.dialect import flush_new, plain
+from service.db.tables import EventRow, JobRow, SearchRow
+
+_NOTE = insert(plain(EventRow))
 
 
 def note(session: Session, campaign_id: int, kind: str, now: float, **data: Any) -> None:
     """Write an event in the transaction of what happened."""
-    session.add(EventRow(campaign_id=campaign_id, kind=kind, data=data, created_at=now))
+    flush_new(session)
+    row = {"campaign_id": campaign_id, "kind": kind, "data": data, "created_at": now}
+    session.connection().execute(_NOTE, row)
+
+
+def note_job(session: Session, search: SearchRow, job: JobRow, now: float) -> None:
+    """Write the event of a job that got another state."""
+    data = {"job_id": job.id, "search": search.name, "search_id": search.id}
+    note(session, search.campaign_id, "job", now, **data, state=job.state, ending=job.ending)
+
+
+def note_search(session: Session, search: SearchRow, now: float) -> None:
+    """Write the event of a search that got another state."""
+    note(
+        session,
+        search.campaign_id,
+        "search",
+        now,
+        search=search.name,
+        search_id=search.id,
+        state=search.state,
+    )
 
 
 def events_after(session: Session, after: int, campaign_id: int | None, limit: int) -> list[EventView]:

@@ -3,8 +3,8 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-from sqlalchemy import Select, func, select
-from sqlalchemy.orm import Session
+from sqlalchemy import ScalarSelect, func, select
+from sqlalchemy.orm import Session, aliased
 
 from service.api.schemas import (
     Lineage,
@@ -49,6 +49,10 @@ FROM_SOLUTION = (
 FROM_SOLVE = ("status", "n_iterations", "n_evaluations", "cpu_seconds", "wall_seconds", "rng_key")
 
 
+#: Solves beside the one that a record shows.
+_Again = aliased(SolveRow)
+
+
 class _Found(NamedTuple):
     """All that a record is made from, in the order of the query's entities."""
 
@@ -71,21 +75,20 @@ class Filter:
         self.search = search
         self.strict = strict
 
-    def solves(self) -> Select[int]:
-        """Return the first solve of each solution that was found inside the filter."""
+    def first_solve(self) -> ScalarSelect[int]:
+        """Return the first solve inside the filter that found the solution of the query around it."""
         query = (
-            select(func.min(SolveRow.id))
-            .join(SearchRow, SearchRow.id == SolveRow.search_id)
-            .where(SolveRow.solution_id.is_not(None))
-            .group_by(SolveRow.solution_id)
+            select(func.min(_Again.id))
+            .join(SearchRow, SearchRow.id == _Again.search_id)
+            .where(_Again.solution_id == SolutionRow.id)
         )
         if self.campaign is not None:
             query = query.where(SearchRow.campaign_id == self.campaign)
         if self.search is not None:
             query = query.where(SearchRow.name == self.search)
         if self.strict is not None:
-            query = query.where(SolveRow.strict == self.strict)
-        return query
+            query = query.where(_Again.strict == self.strict)
+        return query.correlate(SolutionRow).scalar_subquery()
 
 
 def list_records(session: Session, wanted: Filter, limit: int, after: str | None) -> RecordPage:
@@ -112,6 +115,12 @@ def get_record(session: Session, solution_id: str) -> RecordWithVector:
 def all_records(session: Session, wanted: Filter, limit: int | None) -> list[RecordWithVector]:
     """Return the solutions of a filter with their vectors, the most final mass first."""
     query = _records(wanted).order_by(SolutionRow.objective_kg.desc(), SolutionRow.id).limit(limit)
+    return [_with_vector(row) for row in _found(session, query)]
+
+
+def page_by_id(session: Session, wanted: Filter, after: str, limit: int) -> list[RecordWithVector]:
+    """Return the solutions that follow an id, with their vectors; quick however many there are."""
+    query = _records(wanted).where(SolutionRow.id > after).order_by(SolutionRow.id).limit(limit)
     return [_with_vector(row) for row in _found(session, query)]
 
 
@@ -179,7 +188,7 @@ def _records(wanted: Filter) -> Any:
         .join(ProblemRow, ProblemRow.hash == SolutionRow.problem_hash)
         .join(AttemptRow, is_of_attempt)
         .join(ProvenanceRow, ProvenanceRow.hash == AttemptRow.provenance_hash)
-        .where(SolveRow.id.in_(wanted.solves()))
+        .where(SolveRow.id == wanted.first_solve())
     )
 
 

@@ -1,16 +1,25 @@
-"""The specification of a stored campaign, parsed once per process."""
+"""Specifications of campaigns and definitions of problems, read and parsed once per process."""
 
-import json
-from functools import lru_cache
+from typing import Any
 
-from service.db.tables import CampaignRow, SearchRow
+from sqlalchemy.orm import Session
+
+from core.problem import problem_from
+from core.transcription import Layout, layout_of
+from service.db.tables import CampaignRow, ProblemRow, SearchRow
 from service.search_spec import SearchSpec
 from service.spec import Spec, spec_from
+from service.store.kept import Kept
+
+_specs: Kept[Spec] = Kept(64)
+_definitions: Kept[dict[str, Any]] = Kept(512)
+_layouts: Kept[Layout] = Kept(512)
 
 
 def spec_of(campaign: CampaignRow) -> Spec:
     """Return the specification of a campaign."""
-    return _parsed(json.dumps(campaign.spec, sort_keys=True))
+    # The files that it names were checked when it was submitted.
+    return _specs.get(campaign.spec_hash, lambda: spec_from(campaign.spec, allow_files=True))
 
 
 def search_spec(campaign: CampaignRow, search: SearchRow) -> SearchSpec:
@@ -18,7 +27,11 @@ def search_spec(campaign: CampaignRow, search: SearchRow) -> SearchSpec:
     return spec_of(campaign).search[search.position]
 
 
-@lru_cache(maxsize=64)
-def _parsed(text: str) -> Spec:
-    # The files that it names were checked when it was submitted.
-    return spec_from(json.loads(text), allow_files=True)
+def definition_of(session: Session, problem_hash: str) -> dict[str, Any]:
+    """Return a problem with every field written out; not to be changed."""
+    return _definitions.get(problem_hash, lambda: session.get_one(ProblemRow, problem_hash).definition)
+
+
+def layout_of_problem(session: Session, problem_hash: str) -> Layout:
+    """Return where everything is in the decision vector of a problem."""
+    return _layouts.get(problem_hash, lambda: layout_of(problem_from(definition_of(session, problem_hash))))

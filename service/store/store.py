@@ -1,37 +1,63 @@
 """The archive behind one narrow interface; every call is one transaction."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from sqlalchemy import text
+from sqlalchemy.orm import Session
 
 from core.analysis.facts import CampaignFacts
 from service.api import schemas
 from service.db.engine import Database
+from service.db.place import place_of
+from service.scheduler.leases import LeaseSettings
 from service.spec import Spec
-from service.store import catalogue, dispatch, events, facts, find, progress, records, submission
+from service.store import (
+    catalogue,
+    claims,
+    control,
+    dispatch,
+    events,
+    facts,
+    find,
+    leases,
+    progress,
+    records,
+    seeds,
+    submission,
+    workers,
+)
+from service.store.control import Verb
 from service.store.errors import StoreError, UnknownRow
+from service.store.gauges import Gauges, require_writable
+from service.store.identity import Identities
 from service.store.records import Filter
+from service.store.seeds import SeedsWanted
 from workers.executor import Ticket
-from workers.job import Claim, JobOutcome
+from workers.job import Claim, CompleteAnswer, HeartbeatAnswer, JobOutcome, WorkerInfo
 
 __all__ = ["Store", "StoreError", "UnknownRow"]
-
-FILE_NAME = "coastarc.db"
 
 
 class Store:
     """Campaigns, jobs and solutions in one data folder."""
 
     def __init__(
-        self, folder: Path, *, read_only: bool = False, clock: Callable[[], float] = time.time
+        self,
+        folder: Path,
+        *,
+        read_only: bool = False,
+        clock: Callable[[], float] = time.time,
+        leases: LeaseSettings = LeaseSettings(),  # noqa: B008
     ) -> None:
         self.folder = folder
+        self.leases = leases
         self._clock = clock
-        self._database = Database(folder / FILE_NAME, read_only=read_only)
+        self._database = Database(place_of(folder), read_only=read_only)
+        #: What operators watch.
+        self.gauges = Gauges(self._database, clock, leases.lease_s)
 
     def __enter__(self) -> Self:
         """Give the store; it is closed at the end of the block."""
@@ -47,26 +73,83 @@ class Store:
 
     # What changes the archive.
 
-    def submit(self, spec: Spec) -> tuple[int, bool]:
-        """Return the campaign of a specification, and whether it is new."""
-        return self._database.write(lambda session: submission.submit(session, spec, self._clock()))
+    def submit(self, spec: Spec, key: str | None = None) -> tuple[int, bool]:
+        """Return the campaign of a specification, and whether it is new; a key makes a repetition known."""
+        return self._database.write(lambda session: submission.submit(session, spec, self._clock(), key))
 
-    def recover(self) -> int:
-        """Put back the jobs of a process that is gone; return how many."""
-        return self._database.write(lambda session: dispatch.recover(session, self._clock()))
+    def register(self, worker: WorkerInfo) -> None:
+        """Store what a worker says about itself; one that would compute something else is refused."""
+        self._database.write(lambda session: workers.register(session, worker, self._clock()))
+
+    def claim(self, worker: WorkerInfo | str, n_jobs: int, campaign: int | None = None) -> list[Claim]:
+        """Hand out jobs of one campaign, or of all, for the time of a lease; a worker registers with it."""
+        lease_s = self.leases.lease_s
+
+        def work(session: Session) -> list[Claim]:
+            name = _registered(session, worker, self._clock())
+            return claims.claim(session, name, n_jobs, campaign, self._clock(), lease_s)
+
+        return self._database.write(work)
+
+    def heartbeat(self, worker: WorkerInfo | str, held: Iterable[Ticket]) -> HeartbeatAnswer:
+        """Extend the leases that a worker still holds; tell what to cancel, and what it has lost."""
+        lease_s = self.leases.lease_s
+
+        def work(session: Session) -> HeartbeatAnswer:
+            name = _registered(session, worker, self._clock())
+            return leases.heartbeat(session, name, held, self._clock(), lease_s)
+
+        return self._database.write(work)
+
+    def complete(self, ticket: Ticket, outcome: JobOutcome) -> CompleteAnswer:
+        """Take back an outcome; a stale one raises and changes nothing, a repeated one gets its answer."""
+        return self._database.write(
+            lambda session: dispatch.complete(session, ticket, outcome, self._clock())
+        )
+
+    def reap(self) -> int:
+        """Take back the jobs whose leases ran out; return how many."""
+        return self._database.write(lambda session: leases.reap(session, self._clock()))
+
+    def recover(self, workers: str = "") -> int:
+        """Put back the jobs of workers that are gone, by the beginning of their names; return how many."""
+        return self._database.write(lambda session: leases.recover(session, workers, self._clock()))
 
     def revive(self, campaign_id: int) -> int:
         """Put back the jobs of a campaign that were given up; return how many."""
-        return self._database.write(lambda session: dispatch.revive(session, campaign_id, self._clock()))
+        return self._database.write(lambda session: control.revive(session, campaign_id, self._clock()))
 
-    def claim(self, worker: str, n_jobs: int, campaign: int | None = None) -> list[Claim]:
-        """Hand out jobs of one campaign, or of all."""
-        now = self._clock()
-        return self._database.write(lambda session: dispatch.claim(session, worker, n_jobs, campaign, now))
+    def control_campaign(self, campaign_id: int, verb: Verb) -> None:
+        """Pause, resume or cancel a campaign."""
+        self._database.write(
+            lambda session: control.control_campaign(session, campaign_id, verb, self._clock())
+        )
 
-    def complete(self, ticket: Ticket, outcome: JobOutcome) -> None:
-        """Take back an outcome; a stale one raises and changes nothing."""
-        self._database.write(lambda session: dispatch.complete(session, ticket, outcome, self._clock()))
+    def control_search(self, campaign_id: int, search: str, verb: Verb) -> None:
+        """Pause, resume or cancel a search."""
+        self._database.write(
+            lambda session: control.control_search(session, campaign_id, search, verb, self._clock())
+        )
+
+    def set_campaign(self, campaign_id: int, *, priority: int) -> None:
+        """Change the priority of a campaign; lower goes first."""
+        self._database.write(lambda session: control.set_campaign(session, campaign_id, priority))
+
+    def set_search(
+        self, campaign_id: int, search: str, *, weight: float | None = None, priority: int | None = None
+    ) -> None:
+        """Change how large a part of the workers a search gets, or when it gets it."""
+        self._database.write(
+            lambda session: control.set_search(session, campaign_id, search, weight, priority)
+        )
+
+    def cancel_job(self, job_id: int) -> None:
+        """Cancel a job that is queued, or have one stopped that runs."""
+        self._database.write(lambda session: control.cancel_job(session, job_id, self._clock()))
+
+    def requeue_job(self, job_id: int) -> None:
+        """Give a dead or cancelled job another attempt."""
+        self._database.write(lambda session: control.requeue_job(session, job_id, self._clock()))
 
     # What reads it.
 
@@ -105,6 +188,17 @@ class Store:
         with self._database.read() as session:
             return records.all_records(session, wanted, limit)
 
+    def record_pages(self, wanted: Filter, size: int = 100) -> Iterator[list[schemas.RecordWithVector]]:
+        """Yield all solutions of a filter in order of id; each page is one short transaction."""
+        after = ""
+        while True:
+            with self._database.read() as session:
+                page = records.page_by_id(session, wanted, after, size)
+            yield page
+            if len(page) < size:
+                return
+            after = page[-1].id
+
     def record(self, solution_id: str) -> schemas.RecordWithVector:
         """Return a solution."""
         with self._database.read() as session:
@@ -142,6 +236,32 @@ class Store:
         with self._database.read() as session:
             return catalogue.list_jobs(session, campaign, search, state, limit, after)
 
+    def job(self, job_id: int) -> schemas.JobView:
+        """Return a job."""
+        with self._database.read() as session:
+            return catalogue.get_job(session, job_id)
+
+    def seeds_of_search(self, campaign_id: int, search: str, wanted: SeedsWanted) -> schemas.SeedPage:
+        """Return what would seed a search, and how."""
+        with self._database.read() as session:
+            return seeds.seeds_of_search(session, campaign_id, search, wanted)
+
+    def seeds_of_problem(
+        self,
+        problem_hash: str,
+        outages: Sequence[tuple[int, float]] | None,
+        seed_k: int | None,
+        wanted: SeedsWanted,
+    ) -> schemas.SeedPage:
+        """Return which solutions of the archive would seed a problem, and how."""
+        with self._database.read() as session:
+            return seeds.seeds_of_problem(session, problem_hash, outages, seed_k, wanted)
+
+    def workers(self) -> schemas.WorkerPage:
+        """Return the workers that have registered, with the jobs that they hold."""
+        with self._database.read() as session:
+            return workers.list_workers(session, self._clock(), self.leases.lease_s)
+
     def events(self, after: int, campaign: int | None = None, limit: int = 200) -> list[schemas.EventView]:
         """Return the events that follow an id."""
         with self._database.read() as session:
@@ -153,5 +273,18 @@ class Store:
             return events.last_event_id(session, campaign)
 
     def check(self) -> None:
-        """Raise unless the archive can be read and written."""
-        self._database.write(lambda session: session.execute(text("SELECT 1")))
+        """Raise unless the archive takes a write and is of this version."""
+        self._database.write(require_writable)
+
+    @property
+    def identities(self) -> Identities:
+        """Return who may use the archive, and who did what."""
+        return Identities(self._database, self._clock)
+
+
+def _registered(session: Session, worker: WorkerInfo | str, now: float) -> str:
+    """Store what a worker says about itself, where it does, in the transaction of what it asks for."""
+    if isinstance(worker, str):
+        return worker
+    workers.register(session, worker, now)
+    return worker.name

@@ -2,30 +2,70 @@
 
 from collections.abc import Sequence
 
-from sqlalchemy import func, select, update
+from sqlalchemy import bindparam, func, literal_column, select, update
 from sqlalchemy.orm import Session
 
 from core.analysis.distinct import features
 from core.problem import Problem
-from service.db.counts import counted
-from service.db.dialect import insert_new
-from service.db.tables import CampaignRow, CaseRow, JobRow, ProblemRow, SearchRow, SolutionRow, SolveRow
+from service.db.dialect import insert_new, plain
+from service.db.tables import (
+    CampaignRow,
+    CaseRow,
+    JobRow,
+    ProblemRow,
+    SearchRow,
+    SolutionRow,
+    SolveRow,
+    SubmissionRow,
+)
 from service.scheduler import plan
 from service.scheduler.plan import Candidate, PlannedJob, Progress
+from service.scheduler.states import ENDED
 from service.search_spec import SearchSpec
 from service.spec import Spec, SpecError
-from service.store.events import note
+from service.store.errors import KeyReused
+from service.store.events import note, note_search
 from service.store.find import find_campaign
+from service.store.held import Held
 from service.store.specs import search_spec, spec_of
 
-ENDED = ("done", "cancelled")
+_JOB = plain(JobRow).c
+#: Whether more than `before` jobs of a search are in the queue.
+_NTH_QUEUED = (
+    select(_JOB.id)
+    .where(_JOB.search_id == bindparam("search_id"), _JOB.state == literal_column("'queued'"))
+    .limit(1)
+    .offset(bindparam("before"))
+)
+#: How many jobs of a search are in a state, up to `most`.
+_AT_MOST = select(func.count()).select_from(
+    select(_JOB.id)
+    .where(_JOB.search_id == bindparam("search_id"), _JOB.state == bindparam("state"))
+    .limit(bindparam("most"))
+    .subquery()
+)
 
 
-def submit(session: Session, spec: Spec, now: float) -> tuple[int, bool]:
-    """Return the campaign of a specification and whether it is new: the same one is the same campaign."""
+def submit(session: Session, spec: Spec, now: float, key: str | None = None) -> tuple[int, bool]:
+    """Return the campaign of a specification and whether it is new: the same one is the same campaign.
+
+    A key belongs to the first specification that came with it.
+    """
+    if key is not None and (earlier := session.get(SubmissionRow, key)):
+        if earlier.spec_hash != spec.hash:
+            raise KeyReused(
+                f"idempotency key {key}: expected the specification of campaign {earlier.campaign_id}, with "
+                f"which it came first, got another one; use a new key"
+            )
+        return earlier.campaign_id, False
     known = session.scalar(select(CampaignRow.id).where(CampaignRow.spec_hash == spec.hash))
-    if known is not None:
-        return known, False
+    campaign_id = known or _begin(session, spec, now)
+    if key is not None:
+        session.add(SubmissionRow(key=key, spec_hash=spec.hash, campaign_id=campaign_id, created_at=now))
+    return campaign_id, known is None
+
+
+def _begin(session: Session, spec: Spec, now: float) -> int:
     campaign = CampaignRow(
         name=spec.campaign.name,
         spec_hash=spec.hash,
@@ -40,7 +80,7 @@ def submit(session: Session, spec: Spec, now: float) -> tuple[int, bool]:
     _take_known_seeds(session, campaign, now)
     note(session, campaign.id, "campaign", now, state="active")
     advance(session, campaign, now)
-    return campaign.id, True
+    return campaign.id
 
 
 def _add_searches(session: Session, campaign: CampaignRow, spec: Spec) -> None:
@@ -53,6 +93,7 @@ def _add_searches(session: Session, campaign: CampaignRow, spec: Spec) -> None:
             strategy=search.strategy,
             source_id=_source_id(session, spec, search, ids),
             state="waiting",
+            priority=plan.priority(search),
         )
         session.add(row)
         session.flush()
@@ -70,13 +111,13 @@ def _take_known_seeds(session: Session, campaign: CampaignRow, now: float) -> No
         search = search_spec(campaign, row)
         if search.seeds is None or search.seeds.campaign is None:
             continue
-        known = candidates(session, campaign, row)
+        known = candidates(session, campaign, row, search)
         if not known and session.get_one(SearchRow, row.source_id).state in ENDED:
             about = f"search {search.id}: seeds.from: expected {search.seeds.tolerance} solutions"
             raise SpecError(f"{about}, got none from {search.seeds.full_name}, which has ended")
-        for seed in known if search.is_immediate else ():
-            for job in plan.map_jobs(spec, search, seed):
-                add_job(session, search, row, job, now)
+        if search.is_immediate:
+            for seed in known:
+                add_jobs(session, search, row, plan.map_jobs(spec, search, seed), now)
 
 
 def _source_id(session: Session, spec: Spec, search: SearchSpec, ids: dict[str, int]) -> int | None:
@@ -128,6 +169,39 @@ def advance(session: Session, campaign: CampaignRow, now: float) -> None:
         advance(session, other, now)
 
 
+def go_on_after(session: Session, held: Held, now: float) -> None:
+    """Do what `advance` would do after an outcome, asking only the searches that it can have changed.
+
+    A campaign may have hundreds of searches; asking each of them cost more than all the rest of an outcome.
+    """
+    search = held.search
+    if search.state in ENDED:
+        advance(session, held.campaign, now)
+        return
+    if search.state != "active" or _needs_jobs(session, held):
+        session.flush()
+        source = search.source_id and session.get_one(SearchRow, search.source_id)
+        _advance_search(session, held.campaign, search, not source or source.state in ENDED, now)
+    for row, owner in held.fed.values():
+        if row.state != "active":
+            session.flush()
+            _advance_search(session, owner, row, search.state in ENDED, now)
+    if search.state in ENDED:
+        # What it fed may end as well, and then the campaign.
+        advance(session, held.campaign, now)
+
+
+def _needs_jobs(session: Session, held: Held) -> bool:
+    """Return whether a search may want more chains now, or may be about to end."""
+    search = search_spec(held.campaign, held.search)
+    if search.core_seconds is not None or search.solutions is not None:
+        return True
+    # Chains are planned some at a time; of a search that feeds on seeds any open job keeps it open.
+    least = plan.CHAINS_AHEAD // 2 if search.seed_k is None else 1
+    ready = {"search_id": held.search.id, "before": least - 1}
+    return session.connection().execute(_NTH_QUEUED, ready).first() is None
+
+
 def _advance_one(session: Session, campaign: CampaignRow, now: float) -> None:
     session.flush()
     rows = session.scalars(select(SearchRow).where(SearchRow.campaign_id == campaign.id)).all()
@@ -138,7 +212,7 @@ def _advance_one(session: Session, campaign: CampaignRow, now: float) -> None:
         if row.state not in ENDED:
             _advance_search(session, campaign, row, states.get(row.source_id or 0, "done") in ENDED, now)
             states[row.id] = row.state
-    if campaign.state == "active" and all(states[row.id] in ENDED for row in rows):
+    if campaign.state not in ENDED and all(states[row.id] in ENDED for row in rows):
         campaign.state, campaign.finished_at = "done", now
         note(session, campaign.id, "campaign", now, state="done")
 
@@ -153,11 +227,23 @@ def _advance_search(
         session.execute(update(JobRow).where(queued).values(state="cancelled", updated_at=now))
         progress = progress_of(session, search, row, source_has_ended)
     new = [*plan.next_chains(search, progress), *_chosen_seeds(session, campaign, row, progress)]
-    added = [job for job in new if add_job(session, search, row, job, now)]
+    added = add_jobs(session, search, row, new, now)
     state = plan.search_state(search, progress, added)
+    if row.state == "paused" and state != "done":
+        return
     if state != row.state:
-        row.state = state
-        note(session, campaign.id, "search", now, search=row.name, search_id=row.id, state=state)
+        enter(session, campaign, row, state, now)
+
+
+def enter(session: Session, campaign: CampaignRow, row: SearchRow, state: str, now: float) -> None:
+    """Give a search another state; one that joins others at work begins with as much as they have had."""
+    if state == "active":
+        equal = (CampaignRow.priority == campaign.priority) & (SearchRow.priority == row.priority)
+        at_work = equal & (SearchRow.state == "active") & (CampaignRow.state == "active")
+        least = select(func.min(SearchRow.served_s)).join(CampaignRow).where(at_work)
+        row.served_s = max(row.served_s, session.scalar(least) or 0.0)
+    row.state = state
+    note_search(session, row, now)
 
 
 def _chosen_seeds(
@@ -167,17 +253,20 @@ def _chosen_seeds(
     search = search_spec(campaign, row)
     if search.seeds is None or search.is_immediate or not progress.source_has_ended:
         return []
-    if row.state != "waiting":
+    is_first = row.state == "waiting" or (row.state == "paused" and not row.n_planned)
+    if not is_first:
         # They were chosen once, when the source ended; each outcome would choose among all of them again.
         return []
     if plan.is_exhausted(search, progress):
         return []
-    return plan.jobs_of_seeds(spec_of(campaign), search, candidates(session, campaign, row))
+    return plan.jobs_of_seeds(spec_of(campaign), search, candidates(session, campaign, row, search))
 
 
-def candidates(session: Session, campaign: CampaignRow, row: SearchRow) -> list[Candidate]:
+def candidates(
+    session: Session, campaign: CampaignRow, row: SearchRow, search: SearchSpec
+) -> list[Candidate]:
     """Return the different solutions of the source of a search, each at its first address."""
-    seeds = search_spec(campaign, row).seeds
+    seeds = search.seeds
     assert seeds is not None
     is_good = SolveRow.strict if seeds.tolerance == "strict" else SolveRow.paper
     query = (
@@ -204,8 +293,16 @@ def candidates(session: Session, campaign: CampaignRow, row: SearchRow) -> list[
     return list(found.values())
 
 
-def add_job(session: Session, search: SearchSpec, row: SearchRow, job: PlannedJob, now: float) -> bool:
-    """Put a job into the queue unless its address is taken; return whether it is new."""
+def add_jobs(
+    session: Session, search: SearchSpec, row: SearchRow, jobs: Sequence[PlannedJob], now: float
+) -> list[PlannedJob]:
+    """Put jobs into the queue unless their addresses are taken; return those that are new."""
+    added = [job for job in jobs if _add_job(session, search, row, job, now)]
+    row.n_planned += len(added)
+    return added
+
+
+def _add_job(session: Session, search: SearchSpec, row: SearchRow, job: PlannedJob, now: float) -> bool:
     values = {
         "search_id": row.id,
         "kind": job.kind,
@@ -226,21 +323,28 @@ def add_job(session: Session, search: SearchSpec, row: SearchRow, job: PlannedJo
 
 
 def progress_of(session: Session, search: SearchSpec, row: SearchRow, source_has_ended: bool) -> Progress:
-    """Return how far a search is; sums over its solves are made only where a budget asks for them."""
-    by_state = select(JobRow.state, func.count()).where(JobRow.search_id == row.id).group_by(JobRow.state)
-    counts = counted(session, by_state)
-    solves = SolveRow.search_id == row.id
-    cpu_seconds = n_solutions = 0
-    if search.core_seconds is not None:
-        cpu_seconds = session.scalar(select(func.sum(SolveRow.cpu_seconds)).where(solves)) or 0
+    """Return how far a search is; what grows with it is counted as it comes, or only where a budget asks."""
+    n_solutions = 0
     if search.solutions is not None:
-        strict = select(func.count(SolveRow.solution_id.distinct())).where(solves, SolveRow.strict)
-        n_solutions = session.scalar(strict) or 0
+        strict = (SolveRow.search_id == row.id) & SolveRow.strict
+        n_solutions = session.scalar(select(func.count(SolveRow.solution_id.distinct())).where(strict)) or 0
     return Progress(
-        n_chains=sum(counts.values()),
-        n_queued=counts.get("queued", 0),
-        n_running=counts.get("running", 0),
-        cpu_seconds=float(cpu_seconds),
+        n_chains=row.n_planned,
+        n_queued=_at_most(session, row, "queued", plan.CHAINS_AHEAD),
+        n_running=_at_most(session, row, "running", 1),
+        cpu_seconds=row.cpu_seconds,
         n_solutions=n_solutions,
         source_has_ended=source_has_ended,
     )
+
+
+def is_used_up(session: Session, search: SearchSpec, row: SearchRow) -> bool:
+    """Return whether a search has a budget in core seconds or solutions that is used up."""
+    if search.core_seconds is None and search.solutions is None:
+        return False
+    return plan.is_exhausted(search, progress_of(session, search, row, False))
+
+
+def _at_most(session: Session, row: SearchRow, state: str, limit: int) -> int:
+    """Return how many jobs are in a state, counted no further than needed."""
+    return session.scalar(_AT_MOST, {"search_id": row.id, "state": state, "most": limit}) or 0

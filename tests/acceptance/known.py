@@ -12,10 +12,9 @@ import numpy as np
 
 from core.analysis.verify import verify
 from core.problem import problem_from
-from service.coordinator import LocalSource
 from service.spec import spec_from
+from tests.service.campaigns import dispatcher_on
 from workers.certify import certificate, trajectory
-from workers.dispatcher import Dispatcher
 from workers.inline import Inline
 from workers.job import Ending, HopJob, JobOutcome, Provenance, SolveRecord
 
@@ -39,7 +38,7 @@ def submitted(store):
 
 
 def dispatcher(store):
-    return Dispatcher(LocalSource(store, None), Inline(run_known), worker="test")
+    return dispatcher_on(store, Inline(run_known))
 
 
 def run_known(job, stop=lambda: False):

@@ -13,6 +13,8 @@ import pytest
 from playwright import sync_api
 
 from service.coordinator import WebServer, open_port
+from service.security import access_on
+from service.settings import Settings
 from service.store import Store
 from tests.acceptance import known
 
@@ -47,7 +49,8 @@ def browser():
 @contextmanager
 def served(folder, port=0):
     store = Store(folder)
-    server = WebServer(store, open_port("127.0.0.1", port), "127.0.0.1")
+    access = access_on("127.0.0.1", Settings(), store.identities.has_token)
+    server = WebServer(store, open_port("127.0.0.1", port), "127.0.0.1", access)
     server.start()
     try:
         yield store, server.url

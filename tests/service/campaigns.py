@@ -1,12 +1,14 @@
 """Specifications and campaigns to test with; their solves are those of `tests.workers.fake`."""
 
-from service.coordinator import LocalSource
 from service.spec import spec_from
 from service.store import Store
 from service.store.records import Filter
 from tests.workers.fake import run_fake
+from tests.workers.jobs import worker_info
 from workers.dispatcher import Dispatcher
+from workers.executor import Ticket
 from workers.inline import Inline
+from workers.job import ClaimAnswer
 
 OUTAGE = {"segment": 24, "duration_days": 1.0}
 #: Nine days of spiral, for which there may be propellant.
@@ -38,9 +40,33 @@ def submitted(store: Store, fields=None) -> int:
     return store.submit(spec_from(fields or spec_fields()))[0]
 
 
+class StoreSource:
+    """A store as a source of jobs, without the network between."""
+
+    def __init__(self, store):
+        self._store = store
+
+    def claim(self, request):
+        self._store.register(request.worker)
+        claims = self._store.claim(request.worker.name, request.n_jobs, request.campaign_id)
+        leases = self._store.leases
+        return ClaimAnswer(claims=tuple(claims), lease_s=leases.lease_s, heartbeat_s=leases.heartbeat_s)
+
+    def heartbeat(self, request):
+        held = [Ticket(job.job_id, job.attempt) for job in request.held]
+        return self._store.heartbeat(request.worker.name, held)
+
+    def complete(self, request):
+        return self._store.complete(Ticket(request.job_id, request.attempt), request.outcome)
+
+
+def dispatcher_on(store: Store, executor) -> Dispatcher:
+    return Dispatcher(StoreSource(store), executor, worker_info("test", slots=1))
+
+
 def finish(store: Store, executor=None, n_steps=10_000, before_step=lambda n: None) -> None:
     """Work on everything until nothing is left, or for so many steps."""
-    dispatcher = Dispatcher(LocalSource(store, None), executor or Inline(run_fake), worker="test")
+    dispatcher = dispatcher_on(store, executor or Inline(run_fake))
     for n in range(n_steps):
         before_step(n)
         if not dispatcher.step() and all(item.state == "done" for item in store.campaigns()):

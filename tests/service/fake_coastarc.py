@@ -1,14 +1,23 @@
 """The command `coastarc` with workers that answer without a solver, for tests that start real processes."""
 
+import os
 import sys
+from functools import partial
 
 from service import cli, cli_run
-from workers.process_pool import ProcessPool
+from service.coordinator import Coordinator
+from service.scheduler.leases import LeaseSettings
+
+#: Seconds of a lease, in place of the usual ones.
+LEASE = "COASTARC_TEST_LEASE_S"
 
 
 def main():
-    runner = sys.argv.pop(1)
-    cli_run.ProcessPool = lambda n_workers: ProcessPool(n_workers, f"tests.workers.fake:{runner}")
+    cli_run.RUNNER = f"tests.workers.fake:{sys.argv.pop(1)}"
+    if LEASE in os.environ:
+        lease_s = float(os.environ[LEASE])
+        leases = LeaseSettings(lease_s, heartbeat_s=lease_s / 4, reap_s=lease_s / 4)
+        cli.Coordinator = partial(Coordinator, leases=leases)
     cli.main()
 
 

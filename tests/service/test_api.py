@@ -209,11 +209,6 @@ def test_a_bug_is_a_500_without_details(client, store, monkeypatch):
     assert answer.headers["content-type"] == "application/problem+json"
 
 
-def test_health_and_readiness(client):
-    assert client.get("/healthz").json()["status"] == "ok"
-    assert client.get("/readyz").json() == {"status": "ok", "checks": {"archive": "ok", "kernels": "ok"}}
-
-
 def test_every_route_is_in_the_document_with_a_summary(client):
     paths = client.get(f"{API}/openapi.json").json()["paths"]
     assert f"{API}/campaigns/{{campaign_id}}/events" in paths

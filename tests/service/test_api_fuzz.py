@@ -2,10 +2,18 @@
 
 import copy
 import json
+from urllib.parse import quote
 
+import pytest
+from fastapi.testclient import TestClient
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from service.app import create_app
+from service.rights import Role
+from service.security import Access
+from service.settings import Settings
+from service.tokens import COOKIE
 from tests.service.campaigns import spec_fields
 
 VALUES = st.recursive(
@@ -56,3 +64,47 @@ def test_no_specification_breaks_the_service(client, path, value):
 )
 def test_no_query_breaks_the_service(client, path, name, value):
     assert client.get(f"/api/v1{path}", params={name: value}).status_code in (200, 422)
+
+
+#: Header values as HTTP lets them through: one line of bytes.
+HEADER_VALUES = st.text(st.characters(min_codepoint=32, max_codepoint=126), max_size=90)
+WRITTEN = st.from_regex(r"coastarc_[0-9a-f]{12}_[A-Za-z0-9_-]{43}", fullmatch=True)
+
+
+@pytest.fixture
+def stranger(store):
+    """Return a client of a service that asks for tokens and knows one that nobody has."""
+    store.identities.create("ada", Role.ADMIN, 1.0)
+    limits = Settings(request_burst=100_000)
+    app = create_app(store, access=Access(is_open=False, settings=limits))
+    with TestClient(app, base_url="http://127.0.0.1:8741", raise_server_exceptions=False) as client:
+        yield client
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    method=st.sampled_from(["GET", "POST", "PUT", "PATCH", "DELETE", "HEAD", "OPTIONS", "TRACE", "get"]),
+    path=st.sampled_from(
+        ["/campaigns", "/tokens", "/jobs/claim", "/audit", "/campaigns/1/events", "//tokens"]
+    )
+    | st.text(max_size=20).map(lambda text: f"/{quote(text)}"),
+    authorization=st.none() | HEADER_VALUES | (HEADER_VALUES | WRITTEN).map("Bearer {}".format),
+    cookie=st.none() | (HEADER_VALUES | WRITTEN).map(f"{COOKIE}={{}}".format),
+)
+def test_no_credentials_but_the_right_ones_get_in_or_break_the_service(
+    stranger, method, path, authorization, cookie
+):
+    given_headers = {"authorization": authorization, "cookie": cookie}
+    headers = {name: value for name, value in given_headers.items() if value is not None}
+    answer = stranger.request(method, f"/api/v1{path}", headers=headers)
+    assert answer.status_code in (401, 403, 404, 405), answer.text
+    assert answer.headers["content-type"] == "application/problem+json"
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(body=st.binary(max_size=60) | st.text(max_size=40).map(lambda text: f"token={quote(text)}".encode()))
+def test_no_sign_in_form_breaks_the_service(stranger, body):
+    for path, kind in (("/sign-in", "x-www-form-urlencoded"), ("/api/v1/session", "json")):
+        answer = stranger.post(path, content=body, headers={"content-type": f"application/{kind}"})
+        assert answer.status_code in (400, 401, 422), answer.text
+        assert "set-cookie" not in answer.headers

@@ -14,13 +14,12 @@ from service.db.engine import DatabaseError
 from service.spec import spec_from
 from service.store import Store
 from tests.service.campaigns import SPIRAL, content, finish, spec_fields, submitted
-from workers.process_pool import ProcessPool
 
 
 @pytest.fixture
 def coastarc(tmp_path, monkeypatch, capsys):
     """Return a function that runs a command in this process: (exit code, stdout, stderr)."""
-    monkeypatch.setattr(cli_run, "ProcessPool", lambda n: ProcessPool(n, "tests.workers.fake:run_fake"))
+    monkeypatch.setattr(cli_run, "RUNNER", "tests.workers.fake:run_fake")
     monkeypatch.setattr(cli.console, "_force_terminal", False)
     monkeypatch.setattr(cli.console, "_width", 200)
 
@@ -76,14 +75,14 @@ def test_run_says_where_the_page_is_and_ends_with_a_summary(coastarc, spec_file)
 
 
 def test_a_run_whose_jobs_fail_says_so(coastarc, spec_file, monkeypatch):
-    monkeypatch.setattr(cli_run, "ProcessPool", lambda n: ProcessPool(n, "tests.workers.fake:run_broken"))
+    monkeypatch.setattr(cli_run, "RUNNER", "tests.workers.fake:run_broken")
     code, _, printed = coastarc("run", spec_file)
     assert code == 1 and "4 jobs failed, the first with: ZeroDivisionError: oh" in printed
 
 
 def test_jobs_that_failed_are_tried_again_by_the_next_run(coastarc, spec_file, tmp_path, monkeypatch):
     with monkeypatch.context() as broken:
-        broken.setattr(cli_run, "ProcessPool", lambda n: ProcessPool(n, "tests.workers.fake:run_broken"))
+        broken.setattr(cli_run, "RUNNER", "tests.workers.fake:run_broken")
         coastarc("run", spec_file)
     code, printed, _ = coastarc("run", spec_file)
     assert code == 0 and "4 jobs that failed before are tried again" in printed
@@ -121,7 +120,7 @@ def test_tables_for_people(coastarc, spec_file):
     coastarc("run", spec_file)
     assert "s1-0" in coastarc("solutions", "list")[1]
     assert "done" in coastarc("status")[1] and "s1-0" in coastarc("status", "--campaign", 1)[1]
-    assert json.loads(coastarc("status", "--json")[1])[0]["state"] == "done"
+    assert json.loads(coastarc("status", "--json")[1])["campaigns"][0]["state"] == "done"
 
 
 @pytest.mark.parametrize(
@@ -189,7 +188,7 @@ def test_a_problem_that_cannot_be_flown_is_refused_before_it_is_stored(
 
 def test_a_bind_to_the_world_is_refused(coastarc, spec_file):
     code, _, printed = coastarc("run", spec_file, "--host", "0.0.0.0")
-    assert code == 2 and "host: expected a loopback address such as 127.0.0.1, got 0.0.0.0" in printed
+    assert code == 2 and "host 0.0.0.0, an address that others reach: expected a token, got none" in printed
 
 
 def test_an_unknown_solution_is_an_error(coastarc, spec_file):

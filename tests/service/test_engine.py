@@ -1,5 +1,10 @@
+import os
+import signal
 import sqlite3
+import subprocess
+import sys
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -7,11 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sqlalchemy import text
 from sqlalchemy.dialects import sqlite
-from sqlalchemy.exc import OperationalError, StatementError
+from sqlalchemy.exc import IntegrityError, OperationalError, StatementError
 
+from service.db import sqlite_file
 from service.db.columns import Json, Vector
-from service.db.engine import Database, DatabaseError
-from service.db.tables import SCHEMA_VERSION, CampaignRow, EventRow
+from service.db.engine import Database, DatabaseError, Moment, WriteFault
+from service.db.tables import CampaignRow, EventRow
 
 DIALECT = sqlite.dialect()
 
@@ -91,7 +97,7 @@ def test_an_archive_of_another_version_is_refused_and_left_alone(tmp_path):
         connection.execute("CREATE TABLE campaign (id INTEGER)")
         connection.execute("PRAGMA user_version = 99")
     connection.close()
-    with pytest.raises(DatabaseError, match=f"expected schema version {SCHEMA_VERSION}, got 99"):
+    with pytest.raises(DatabaseError, match="got 99; install a newer"):
         Database(tmp_path / "old.db")
 
 
@@ -99,6 +105,138 @@ def test_an_archive_that_is_not_there_is_not_created_by_reading(tmp_path):
     with pytest.raises(DatabaseError, match="run a campaign first"):
         Database(tmp_path / "none.db", read_only=True)
     assert list(tmp_path.iterdir()) == []
+
+
+def fail_at(moment):
+    def hook(reached):
+        if reached is moment:
+            raise ZeroDivisionError
+
+    return hook
+
+
+def test_a_write_that_fails_before_its_commit_is_not_stored(database):
+    database.hook = fail_at(Moment.BEFORE_COMMIT)
+    with pytest.raises(ZeroDivisionError):
+        database.write(lambda session: session.add(campaign()))
+    assert names(database) == []
+
+
+def test_a_write_that_fails_after_its_commit_is_stored_though_the_caller_does_not_know(database):
+    database.hook = fail_at(Moment.AFTER_COMMIT)
+    with pytest.raises(ZeroDivisionError):
+        database.write(lambda session: session.add(campaign()))
+    assert names(database) == ["a"]
+
+
+def limit_pages(database, n_more):
+    """Let a database grow by so many pages and no more, as on a disk that fills up; None lifts the limit."""
+    with database._writer.connect() as connection:
+        n_pages = connection.exec_driver_sql("PRAGMA page_count").scalar()
+        limit = 2**30 if n_more is None else n_pages + n_more
+        connection.exec_driver_sql(f"PRAGMA max_page_count = {limit}")
+
+
+def test_a_full_disk_is_named_and_everything_before_it_is_kept(database):
+    def big(name):
+        return lambda session: session.add(campaign(name, spec={"text": "a" * 50_000}))
+
+    database.write(big("first"))
+    limit_pages(database, 5)
+    with pytest.raises(
+        WriteFault, match="expected room to write, got database or disk is full; free some space"
+    ):
+        database.write(big("second"))
+    assert names(database) == ["first"] and sqlite_file.integrity_faults(database.place) == []
+    limit_pages(database, None)
+    database.write(big("second"))
+    assert names(database) == ["first", "second"]
+
+
+def test_another_writer_that_does_not_end_is_named(database, monkeypatch):
+    other = sqlite3.connect(database.place, isolation_level=None)
+    with database._writer.connect() as connection:
+        connection.exec_driver_sql("PRAGMA busy_timeout = 50")
+    other.execute("BEGIN IMMEDIATE")
+    with pytest.raises(WriteFault, match="expected to be the only writer, got database is locked"):
+        database.write(lambda session: session.add(campaign()))
+    other.execute("ROLLBACK")
+    other.close()
+    database.write(lambda session: session.add(campaign()))
+
+
+def test_what_was_written_wrongly_is_no_fault_of_the_place(database):
+    database.write(lambda session: session.add(campaign()))
+    with pytest.raises(IntegrityError, match="UNIQUE"):
+        database.write(lambda session: session.add(campaign()))
+
+
+WRITE_AND_DIE = """
+import os, signal, sys
+from pathlib import Path
+from service.db.engine import Database, Moment
+from tests.service.test_engine import campaign
+database = Database(Path(sys.argv[1]))
+database.write(lambda session: session.add(campaign("before")))
+def die(moment):
+    if moment.name == sys.argv[2]:
+        os.kill(os.getpid(), signal.SIGKILL)
+database.hook = die
+database.write(lambda session: session.add(campaign("after")))
+"""
+
+
+@pytest.mark.parametrize(("moment", "stored"), [("BEFORE_COMMIT", 1), ("AFTER_COMMIT", 2)])
+def test_a_process_that_is_killed_leaves_a_whole_archive(tmp_path, moment, stored):
+    path = tmp_path / "a.db"
+    ended = subprocess.run([sys.executable, "-c", WRITE_AND_DIE, path, moment], timeout=120)
+    assert ended.returncode == -signal.SIGKILL and sqlite_file.was_left_open(path)
+    database = Database(path)
+    assert names(database) == ["after", "before"][-stored:]
+    database.close()
+    assert not sqlite_file.was_left_open(path)
+
+
+def test_a_file_that_broke_in_an_unclean_stop_is_not_written_to(tmp_path):
+    path = tmp_path / "a.db"
+    Database(path).close()
+    pages = bytearray(path.read_bytes())
+    pages[4096 * 3 : 4096 * 4] = os.urandom(4096)
+    path.write_bytes(pages)
+    # A clean end leaves no journal.
+    (tmp_path / "a.db-wal").write_bytes(b"left by whoever was killed")
+    with pytest.raises(DatabaseError, match=r"expected a whole file after an unclean stop, got .*db restore"):
+        Database(path)
+    assert path.read_bytes() == pages
+
+
+@pytest.mark.parametrize(
+    ("kind", "is_refused"), [("nfs4", True), ("cifs", True), ("FUSE.sshfs", True), ("ext4", False)]
+)
+def test_a_file_system_between_machines_is_refused(tmp_path, monkeypatch, kind, is_refused):
+    mounts = [
+        SimpleNamespace(mountpoint="/", fstype="ext4"),
+        SimpleNamespace(mountpoint=str(tmp_path), fstype=kind),
+    ]
+    monkeypatch.setattr(sqlite_file.psutil, "disk_partitions", lambda all: mounts)
+    (tmp_path / "deep").mkdir()
+    if is_refused:
+        with pytest.raises(
+            DatabaseError, match=f"network file system {kind.lower()}, on which SQLite loses data"
+        ):
+            Database(tmp_path / "deep" / "a.db")
+        assert list((tmp_path / "deep").iterdir()) == []
+    else:
+        Database(tmp_path / "deep" / "a.db").close()
+
+
+def test_the_writer_waits_for_others_and_keeps_references(database):
+    with database._writer.connect() as connection:
+        found = {
+            name: connection.exec_driver_sql(f"PRAGMA {name}").scalar()
+            for name in ("journal_mode", "synchronous", "foreign_keys", "busy_timeout", "trusted_schema")
+        }
+    assert list(found.values()) == ["wal", 1, 1, 5000, 0]
 
 
 @given(st.lists(st.floats(width=64)))

@@ -11,6 +11,7 @@ from service.store import Store
 from service.store.archive import solution_hash
 from service.store.records import Filter
 from tests.service.campaigns import OUTAGE, content, finish, spec_fields, submitted
+from tests.service.clock import Clock
 from tests.workers.fake import PROVENANCE, run_fake
 from workers.dispatcher import StaleAttempt
 from workers.executor import Ticket
@@ -106,18 +107,22 @@ def test_a_late_report_of_an_older_attempt_changes_nothing(store):
     assert rows(store, "SELECT count(*) FROM solve") == [(0,)]
     store.complete(Ticket(new.job_id, new.attempt), run_fake(new.job))
     with pytest.raises(StaleAttempt):
-        store.complete(Ticket(new.job_id, new.attempt), run_fake(new.job))
+        store.complete(Ticket(old.job_id, old.attempt), run_fake(old.job))
 
 
-def test_a_job_that_crashes_three_times_is_dead(store):
+def test_a_job_that_crashes_three_times_is_dead(tmp_path):
+    clock = Clock()
+    store = Store(tmp_path, clock=clock)
     submitted(store, spec_fields(guesses=1))
     for attempt in (1, 2, 3):
+        clock.advance(60.0)
         (claim,) = store.claim("a", 1)
         assert claim.attempt == attempt
         store.complete(Ticket(claim.job_id, attempt), JobOutcome(ending=Ending.CRASH, error="exit code -9"))
     (job,) = store.jobs(1, None, None, 10).items
     assert (job.state, job.ending, job.n_failures, job.error) == ("dead", "crash", 3, "exit code -9")
     assert store.campaign(1).state == "done"
+    store.close()
 
 
 def test_a_bug_of_ours_is_dead_at_once_and_keeps_its_traceback(store):
@@ -231,6 +236,7 @@ def test_states_that_do_not_exist_are_refused_by_the_database(store):
     submitted(store)
     with sqlite3.connect(store.folder / "coastarc.db") as connection:
         for table in ("campaign", "search", "job"):
+            connection.execute(f"DROP TRIGGER {table}_transition")
             with pytest.raises(sqlite3.IntegrityError, match="known_state"):
                 connection.execute(f"UPDATE {table} SET state = 'asleep'")
     connection.close()

@@ -1,7 +1,10 @@
-"""Jobs to test with."""
+"""Jobs to test with, and who takes them."""
+
+import platform
 
 from core.problem import load_problem
-from workers.job import Address, HopJob, Settings
+from workers.job import Address, HopJob, Settings, WorkerInfo
+from workers.provenance import code_version
 
 PROBLEM = load_problem("ppe-drm3")
 
@@ -15,3 +18,16 @@ def hop_job(chain=0, n_hops=1, **changes):
         "settings": Settings(cpu_seconds=5.0, max_iterations=3),
     }
     return HopJob(**(fields | changes))
+
+
+def worker_info(name="w", slots=1, **changes):
+    """Return a worker that a coordinator takes for one of its own version."""
+    fields = {
+        "name": name,
+        "host": "here",
+        "executor": "inline",
+        "slots": slots,
+        "code_version": code_version(),
+        "python_version": platform.python_version(),
+    }
+    return WorkerInfo(**(fields | changes))

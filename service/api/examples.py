@@ -1,0 +1,249 @@
+"""What answers look like: one example for each, shown in the OpenAPI document and checked by a test."""
+
+from typing import Any
+
+from pydantic import BaseModel
+
+from service.api import identity_schemas, schemas
+from workers.job import ClaimAnswer, CompleteAnswer, HeartbeatAnswer
+
+SOLUTION = "63dd0ec3a1b24c7f9e5d8b6a4f2c1e07"
+SEED = "1b7e9c50d3f84a6286e0b5c7d9f1a324"
+PROBLEM = "0f5c0e1d9a7b4c3e8f2a6b1d0c9e7f35"
+ROBUST = "7a2e4d6c8b0f1a3c5e7d9b1f3a5c7e90"
+AT, LATER = "2026-11-24T09:30:00Z", "2026-11-24T11:05:12Z"
+OUTAGE = {"segment": 24, "duration_days": 1.0}
+#: A problem with every field written out has some forty of them.
+DEFINITION: dict[str, Any] = {"n_segments": 50, "outages": [OUTAGE]}
+ROWS = [[0.012, -0.004, 0.009, 1e-7, -2e-7, 5e-8, 0.0]] * 2
+
+CAMPAIGN = {
+    "id": 1,
+    "name": "quick",
+    "state": "active",
+    "priority": 0,
+    "created_at": AT,
+    "finished_at": None,
+    "rng_seed": 2026,
+    "n_jobs": 58,
+    "n_done": 41,
+    "n_solves": 41,
+    "n_solutions": 37,
+    "best_delta_v_km_s": 0.3196,
+}
+SEARCH = {
+    "id": 2,
+    "name": "s1-0",
+    "strategy": "S(1|0)",
+    "state": "active",
+    "priority": -1,
+    "weight": 1.0,
+    "k": 1,
+    "cases": [{"problem_hash": ROBUST, "outages": [OUTAGE]}],
+    "mapping": "continued",
+    "seeds_from": "s0",
+    "hops": 1,
+    "jobs": {"queued": 9, "running": 8, "done": 11, "dead": 0, "cancelled": 0},
+    "n_guesses_planned": 28,
+    "n_solves": 11,
+    "n_paper": 11,
+    "n_strict": 10,
+    "n_solutions": 10,
+    "endings": {"feasible": 11},
+    "statuses": {"CONVERGED": 11},
+    "best_solution_id": SOLUTION,
+    "best_delta_v_km_s": 0.3235,
+    "best_propellant_kg": 160.75,
+    "best_final_mass_kg": 13115.29,
+    "cpu_seconds": 15.4,
+}
+JOB = {
+    "id": 17,
+    "campaign_id": 1,
+    "search_id": 2,
+    "kind": "map",
+    "state": "running",
+    "attempt": 1,
+    "n_failures": 0,
+    "not_before": None,
+    "worker": "node7:4711",
+    "lease_until": LATER,
+    "is_cancelling": False,
+    "ending": None,
+    "error": None,
+    "n_hops": 1,
+    "seed_id": SEED,
+    "created_at": AT,
+    "updated_at": LATER,
+}
+RECORD = {
+    "id": SOLUTION,
+    "campaign_id": 1,
+    "search_id": 2,
+    "search": "s1-0",
+    "strategy": "S(1|0)",
+    "problem_hash": ROBUST,
+    "k": 1,
+    "outages": [OUTAGE],
+    "objective_kg": 13115.29,
+    "propellant_kg": 160.75,
+    "delta_v_km_s": 0.3235,
+    "delta_v_total_km_s": 3.566,
+    "shooting_days": 71.3,
+    "initial_coast_days": 2.1,
+    "final_coast_days": 4.0,
+    "time_of_flight_days": 77.4,
+    "arrival_epoch": "2026-08-22T08:11:09.120",
+    "insertion_epoch": "2026-08-18T08:11:09.120",
+    "defects_solved": ROWS,
+    "defects_verified": ROWS,
+    "paper": True,
+    "strict": True,
+    "status": "CONVERGED",
+    "n_iterations": 63,
+    "n_evaluations": 88,
+    "cpu_seconds": 1.4,
+    "wall_seconds": 1.5,
+    "rng_key": "2026/1/1/0/36604212893417/0",
+    "seed_id": SEED,
+    "mapping": "continued",
+    "code_version": "0.1.0+1f0c5e9a7b3d",
+    "package_versions": {"numpy": "2.4.6"},
+    "kernel_hashes": {"de440.bsp": "a4ce9bf6"},
+    "host": "node7 (x86_64, Linux)",
+    "created_at": LATER,
+}
+WORKER = {
+    "name": "node7:4711",
+    "host": "node7",
+    "executor": "process",
+    "slots": 8,
+    "code_version": "0.1.0+1f0c5e9a7b3d",
+    "python_version": "3.11.7",
+    "created_at": AT,
+    "seen_at": LATER,
+    "is_alive": True,
+    "held": [{"job_id": 17, "attempt": 1, "lease_until": LATER}],
+}
+TOKEN = {
+    "id": "5f0c1e9d2b7a",
+    "name": "ada",
+    "role": "submitter",
+    "state": "active",
+    "created_at": AT,
+    "expires_at": "2027-02-22T09:30:00Z",
+    "revoked_at": None,
+    "last_used_at": LATER,
+}
+AUDIT = {
+    "id": 9,
+    "created_at": LATER,
+    "actor": "ada",
+    "token_id": "5f0c1e9d2b7a",
+    "address": "10.0.0.9",
+    "method": "POST",
+    "path": "/api/v1/campaigns",
+    "status": 201,
+}
+SEEDING = {
+    "seed_id": SEED,
+    "seed_problem_hash": PROBLEM,
+    "seed_outages": [],
+    "delta_v_km_s": 0.3196,
+    "time_of_flight_days": 74.9,
+    "strict": True,
+    "problem_hash": ROBUST,
+    "outages": [OUTAGE],
+    "mapping": "continued",
+    "job_id": 17,
+    "job_state": "running",
+}
+ITEM = {"hash": ROBUST, "k": 1, "outages": [OUTAGE], "n_segments": 50}
+NODE = {"search": "s1-0", "strategy": "S(1|0)", "k": 1, "delta_v_km_s": 0.3235, "strict": True}
+EVENT = {"id": 42, "campaign_id": 1, "kind": "search", "created_at": LATER}
+SIGNED_IN = "coastarc_5f0c1e9d2b7a_" + 43 * "x"
+HELD = {"job_id": 17, "attempt": 1}
+HOP_JOB = {
+    "kind": "hop",
+    "problem": {"n_segments": 50, "outages": []},
+    "rng_seed": 2026,
+    "address": {"search": 0, "case": 0, "chain": 12, "hop": 0},
+    "n_hops": 1,
+}
+
+EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
+    schemas.CampaignPage: {"items": [CAMPAIGN]},
+    schemas.CampaignView: CAMPAIGN
+    | {
+        "problem": DEFINITION,
+        "searches": [SEARCH],
+        "rate_per_min": 12.4,
+        "eta_seconds": 82.0,
+        "elapsed_seconds": 198.0,
+        "cpu_seconds": 15.4,
+    },
+    schemas.MetricsView: {
+        "campaign_id": 1,
+        "by_strategy": [
+            {
+                "strategy": "S(0)",
+                "n_solves": 28,
+                "n_strict": 23,
+                "strict_ratio": 0.821,
+                "strict_ratio_low": 0.644,
+            }
+        ],
+        "by_mapping": [],
+        "seed_yields": [{"seed_k": None, "k": 0, "n_seeds": 0, "n_solves": 28, "n_strict": 23}],
+        "seed_chains": [],
+        "paired_changes": [],
+    },
+    schemas.RecordPage: {"items": [RECORD], "next": f"0x1.99da51eb851ecp+13_{SOLUTION}"},
+    schemas.RecordWithVector: RECORD
+    | {"x": [71.3, 2.1, 4.0, 0.71], "verification": {"integrator": "DOP853", "tolerance": 1e-12}},
+    schemas.Lineage: {
+        "id": SOLUTION,
+        "nodes": [
+            NODE | {"id": SOLUTION},
+            NODE | {"id": SEED, "search": "s0", "strategy": "S(0)", "k": 0, "delta_v_km_s": 0.3196},
+        ],
+        "edges": [{"seed_id": SEED, "solution_id": SOLUTION, "mapping": "continued"}],
+    },
+    schemas.SeedPage: {"items": [SEEDING], "n_candidates": 28, "is_cut": True},
+    schemas.ProblemPage: {"items": [ITEM]},
+    schemas.ProblemView: ITEM | {"definition": DEFINITION},
+    schemas.JobPage: {"items": [JOB], "next": 17},
+    schemas.JobView: JOB,
+    schemas.WorkerPage: {"items": [WORKER]},
+    schemas.EventPage: {"items": [EVENT | {"data": {"search": "s0", "search_id": 1, "state": "done"}}]},
+    identity_schemas.TokenRequest: {"name": "ada", "role": "submitter", "days": 90.0},
+    identity_schemas.TokenView: TOKEN,
+    identity_schemas.NewToken: TOKEN | {"token": SIGNED_IN},
+    identity_schemas.TokenPage: {"items": [TOKEN]},
+    identity_schemas.SignIn: {"token": SIGNED_IN},
+    identity_schemas.SessionView: {"name": "ada", "role": "submitter"},
+    identity_schemas.AuditPage: {"items": [AUDIT], "next": 9},
+    ClaimAnswer: {"claims": [HELD | {"job": HOP_JOB}], "lease_s": 30.0, "heartbeat_s": 10.0},
+    HeartbeatAnswer: {"extended": [HELD], "to_cancel": [], "not_held": []},
+    CompleteAnswer: HELD | {"state": "done"},
+}
+_TRACK = {
+    "inertial_km": [[-163000, 1200, 8]],
+    "rotating_km": [[-161000, 900, 8]],
+    "moon_km": [[384000, 0, 0]],
+}
+_ARC = {"kind": "thrust", "segment": 1, "first": 0, "stop": 40, "throttle": 1.0}
+_FLOWN: dict[str, Any] = {
+    "outage": None,
+    "arcs": [_ARC | {"in_plane_rad": 0.12, "out_of_plane_rad": -0.01}],
+    "matchpoint": 400,
+    "days": [0.0],
+    "speed_km_s": [1.02],
+    "mass_kg": [13276.04],
+}
+#: What the trajectory of a solution looks like; its lists have hundreds of rows.
+TRAJECTORY = {
+    "trajectories": [_FLOWN | _TRACK],
+    "moon": {"days": [0.0]} | _TRACK,
+    "target": {"days": [0.0]} | _TRACK,
+}

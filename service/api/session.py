@@ -1,0 +1,109 @@
+"""Signing in: a token traded for a cookie, since a browser's event stream can send no header.
+
+The cookie holds a session of its own, never the token; scripts cannot read it, other sites cannot send it.
+"""
+
+import re
+from typing import Annotated
+from urllib.parse import parse_qs
+
+from fastapi import APIRouter, Depends, Query, Request, Response
+from fastapi.responses import HTMLResponse, RedirectResponse
+
+from service.api.context import AccessHere, IdentityHere, StoreHere
+from service.api.identity_schemas import SessionView, SignIn
+from service.dashboard.render import page
+from service.store import Store
+from service.store.identity import RefusedToken
+from service.tokens import COOKIE
+
+router = APIRouter(tags=["session"])
+pages = APIRouter(include_in_schema=False)
+
+#: Where to go after signing in: a path of ours, never another site.
+_OWN_PATH = re.compile(r"/(?![/\\])[^\x00-\x20\\]*")
+Next = Annotated[str, Query(max_length=2048)]
+
+
+@router.post("/session", status_code=201)
+def sign_in(wanted: SignIn, request: Request, response: Response, store: StoreHere) -> SessionView:
+    """Trade a token for a cookie."""
+    return _open_session(store, request, response, wanted.token.get_secret_value())
+
+
+@router.get("/session")
+def get_session(identity: IdentityHere) -> SessionView:
+    """Return who the sender of this request is."""
+    return SessionView(name=identity.name, role=identity.role)
+
+
+@router.delete("/session", status_code=204)
+def sign_out(request: Request, response: Response, store: StoreHere) -> None:
+    """End the session of the cookie that is sent; without one there is nothing to do."""
+    _close_session(store, request, response)
+
+
+async def _form(request: Request) -> dict[str, str]:
+    body = (await request.body()).decode("utf-8", errors="replace")
+    return {name: values[0] for name, values in parse_qs(body, max_num_fields=10).items()}
+
+
+Form = Annotated[dict[str, str], Depends(_form)]
+
+
+@pages.get("/sign-in", response_class=HTMLResponse)
+def sign_in_page(access: AccessHere, next: Next = "/") -> Response:
+    """Return the page that asks for a token, or go on where none is needed."""
+    if access.is_open:
+        return RedirectResponse(_own(next), status_code=303)
+    return _page(_own(next), "", 200)
+
+
+@pages.post("/sign-in", response_class=HTMLResponse)
+def send_sign_in(form: Form, request: Request, store: StoreHere) -> Response:
+    """Sign in, and go to the page that was asked for."""
+    target = _own(form.get("next", "/"))
+    answer = RedirectResponse(target, status_code=303)
+    try:
+        _open_session(store, request, answer, form.get("token", "").strip())
+    except RefusedToken as error:
+        return _page(target, str(error), 401)
+    return answer
+
+
+@pages.post("/sign-out", response_class=HTMLResponse)
+def send_sign_out(request: Request, store: StoreHere) -> Response:
+    """Sign out, and ask for a token again."""
+    answer = RedirectResponse("/sign-in", status_code=303)
+    _close_session(store, request, answer)
+    return answer
+
+
+def _open_session(store: Store, request: Request, response: Response, written: str) -> SessionView:
+    value, lifetime_s, identity = store.identities.sign_in(written)
+    # For the audit, which knows by now only that nobody asked for a session.
+    request.state.identity = identity
+    is_https = request.url.scheme == "https"
+    response.set_cookie(
+        COOKIE, value, max_age=int(lifetime_s), httponly=True, samesite="strict", secure=is_https
+    )
+    response.headers["cache-control"] = "no-store"
+    return SessionView(name=identity.name, role=identity.role)
+
+
+def _close_session(store: Store, request: Request, response: Response) -> None:
+    if (value := request.cookies.get(COOKIE)) is not None:
+        store.identities.sign_out(value)
+    response.delete_cookie(COOKIE, httponly=True, samesite="strict", secure=request.url.scheme == "https")
+
+
+def _page(target: str, complaint: str, status: int) -> Response:
+    headers = {"Cache-Control": "no-store"}
+    if status == 401:
+        headers["WWW-Authenticate"] = 'Bearer realm="coastarc"'
+    html = page("sign_in.html", next=target, complaint=complaint)
+    return HTMLResponse(html, status_code=status, headers=headers)
+
+
+def _own(target: str) -> str:
+    return target if _OWN_PATH.fullmatch(target) else "/"

@@ -1,0 +1,58 @@
+"""What commands share: options, the coordinator to ask, and how answers are printed."""
+
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from platformdirs import user_data_path
+from pydantic import BaseModel, TypeAdapter
+from rich.console import Console
+
+from service.client import Client
+from service.settings import Settings, SettingsError
+
+DEFAULT_PORT = 8741
+DEFAULT_URL = f"http://127.0.0.1:{DEFAULT_PORT}"
+DATA = user_data_path("coastarc")
+WORKERS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+Data = Annotated[Path, typer.Option(help="Folder of the archive.", envvar="COASTARC_DATA")]
+Workers = Annotated[int, typer.Option(min=1, max=1024, help="Worker processes; one per core if left out.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+Url = Annotated[str, typer.Option(help="Where the coordinator is.", envvar="COASTARC_URL")]
+MaybeUrl = Annotated[
+    str | None,
+    typer.Option(help="Ask this coordinator, instead of reading the archive.", envvar="COASTARC_URL"),
+]
+
+# What is piped into a file has no width to respect.
+console = Console(width=None if sys.stdout.isatty() else 140)
+
+
+def client_of(url: str) -> Client:
+    """Return a client with the token of the environment."""
+    return Client(url, token_of(None))
+
+
+def token_of(path: Path | None) -> str | None:
+    """Return the token in a file, or the one of the environment."""
+    if path is None:
+        mine = Settings.from_environment().token
+        return mine.get_secret_value() if mine else None
+    try:
+        token = path.read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "bytes that are no text"
+        raise SettingsError(f"--token-file: expected a file with a token, got {path}: {reason}") from None
+    if not token:
+        raise SettingsError(f"--token-file: expected a file with a token, got {path}, which is empty")
+    return token
+
+
+def print_json(content: Any) -> None:
+    """Print an answer as JSON."""
+    plain = content.model_dump(mode="json") if isinstance(content, BaseModel) else content
+    typer.echo(json.dumps(TypeAdapter(Any).dump_python(plain, mode="json"), indent=2))

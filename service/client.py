@@ -1,0 +1,232 @@
+"""The API for programs: every answer parsed into the models of `service.api.schemas`.
+
+`ROUTES` lists what it asks, so that a test can hold it against the OpenAPI document.  Methods are named and
+called as those of the store, so that a command can read either.
+
+    ClientError(RuntimeError)   a coordinator that is not there, or that refuses; its text is for people
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Any, Literal, Self, TypeVar
+from urllib.parse import quote
+
+from pydantic import BaseModel, ValidationError
+
+from service.api import schemas
+from service.store.seeds import SeedsWanted
+from workers.client import TIMEOUT_S, Api, ApiError, Rejected
+from workers.source import Unreachable
+
+A = TypeVar("A", bound=BaseModel)
+T = TypeVar("T")
+Verb = Literal["pause", "resume", "cancel"]
+
+#: The coordinator makes the departure and the target before it answers a submission [s].
+SUBMISSION_S = 180.0
+#: Longest silence of a stream, which sends a sign of life every 15 s [s].
+SILENCE_S = 40.0
+
+
+class ClientError(RuntimeError):
+    """A coordinator that is not there, or that refuses."""
+
+    def __init__(self, detail: str, status: int | None = None, code: str | None = None) -> None:
+        super().__init__(detail)
+        #: None where nobody answered.
+        self.status = status
+        self.code = code
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """A route of the API as it is asked here."""
+
+    verb: str
+    path: str
+    answer: type[BaseModel]
+    #: Parameters of the query.
+    query: tuple[str, ...] = field(default=())
+
+
+_ONE = "/campaigns/{campaign_id}"
+_SEARCH = _ONE + "/searches/{name}"
+_SEEDS = ("campaign", "search", "problem", "outage", "k", "order", "limit", "tolerance", "mapping")
+ROUTES = {
+    "campaigns": Route("GET", "/campaigns", schemas.CampaignPage),
+    "campaign": Route("GET", _ONE, schemas.CampaignView),
+    "submit": Route("POST", "/campaigns", schemas.CampaignView),
+    **{verb: Route("POST", f"{_ONE}/{verb}", schemas.CampaignView) for verb in ("pause", "resume", "cancel")},
+    **{
+        f"{verb}_search": Route("POST", f"{_SEARCH}/{verb}", schemas.CampaignView)
+        for verb in ("pause", "resume", "cancel")
+    },
+    "solutions": Route(
+        "GET", "/solutions", schemas.RecordPage, ("campaign", "search", "strict", "limit", "after")
+    ),
+    "record": Route("GET", "/solutions/{solution_id}", schemas.RecordWithVector),
+    "seeds": Route("GET", "/seeds", schemas.SeedPage, _SEEDS),
+    "jobs": Route("GET", "/jobs", schemas.JobPage, ("campaign", "search", "state", "limit", "after")),
+    "job": Route("GET", "/jobs/{job_id}", schemas.JobView),
+    "cancel_job": Route("POST", "/jobs/{job_id}/cancel", schemas.JobView),
+    "requeue_job": Route("POST", "/jobs/{job_id}/requeue", schemas.JobView),
+    "workers": Route("GET", "/workers", schemas.WorkerPage),
+    "events": Route("GET", "/events", schemas.EventPage, ("after", "campaign", "limit")),
+    "follow": Route("GET", f"{_ONE}/events", schemas.EventView),
+}
+
+
+class Client:
+    """A coordinator, asked by a person's program."""
+
+    def __init__(self, url: str, token: str | None = None) -> None:
+        self.url = url.rstrip("/")
+        self._api = _named(lambda: Api(url, token))
+
+    def __enter__(self) -> Self:
+        """Give the client; its connections are closed at the end of the block."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close all connections."""
+        self._api.__exit__(kind, error, trace)
+
+    # What changes something.
+
+    def submit(self, fields: dict[str, Any], key: str | None = None) -> tuple[schemas.CampaignView, bool]:
+        """Submit a specification; return its campaign, and whether it is new."""
+        headers = {"Idempotency-Key": key} if key else {}
+        view, status = _named(
+            lambda: self._api.ask_for_status(
+                "POST", "/campaigns", schemas.CampaignView, json=fields, headers=headers, timeout=SUBMISSION_S
+            )
+        )
+        return view, status == 201
+
+    def control_campaign(self, campaign_id: int, verb: Verb) -> schemas.CampaignView:
+        """Pause, resume or cancel a campaign."""
+        return self._ask(verb, schemas.CampaignView, campaign_id=campaign_id)
+
+    def control_search(self, campaign_id: int, search: str, verb: Verb) -> schemas.CampaignView:
+        """Pause, resume or cancel a search."""
+        return self._ask(f"{verb}_search", schemas.CampaignView, campaign_id=campaign_id, name=search)
+
+    def cancel_job(self, job_id: int) -> schemas.JobView:
+        """Take a job out of the queue, or have it stopped."""
+        return self._ask("cancel_job", schemas.JobView, job_id=job_id)
+
+    def requeue_job(self, job_id: int) -> schemas.JobView:
+        """Give a dead or cancelled job another attempt."""
+        return self._ask("requeue_job", schemas.JobView, job_id=job_id)
+
+    # What reads.
+
+    def campaigns(self) -> list[schemas.CampaignItem]:
+        """Return the campaigns, the newest first."""
+        return self._ask("campaigns", schemas.CampaignPage).items
+
+    def campaign(self, campaign_id: int) -> schemas.CampaignView:
+        """Return a campaign with its searches."""
+        return self._ask("campaign", schemas.CampaignView, campaign_id=campaign_id)
+
+    def find_campaign(self, name_or_id: str) -> int:
+        """Return the campaign of an id, or the newest of a name."""
+        if name_or_id.isdecimal():
+            return self.campaign(int(name_or_id)).id
+        found = next((item.id for item in self.campaigns() if item.name == name_or_id), None)
+        if found is None:
+            raise ClientError(f"campaign {name_or_id}: expected one that exists, got none of this name")
+        return found
+
+    def solutions(
+        self,
+        campaign: int | None = None,
+        search: str | None = None,
+        strict: bool | None = None,
+        limit: int = 50,
+        after: str | None = None,
+    ) -> schemas.RecordPage:
+        """Return a page of solutions."""
+        page = {"campaign": campaign, "search": search, "strict": strict, "limit": limit, "after": after}
+        return self._ask("solutions", schemas.RecordPage, **page)
+
+    def record(self, solution_id: str) -> schemas.RecordWithVector:
+        """Return a solution with its vector."""
+        return self._ask("record", schemas.RecordWithVector, solution_id=solution_id)
+
+    def seeds_of_search(self, campaign_id: int, search: str, wanted: SeedsWanted) -> schemas.SeedPage:
+        """Return what would seed a search, and how."""
+        return self._ask("seeds", schemas.SeedPage, campaign=campaign_id, search=search, **_choice(wanted))
+
+    def seeds_of_problem(
+        self,
+        problem_hash: str,
+        outages: Sequence[tuple[int, float]] | None,
+        seed_k: int | None,
+        wanted: SeedsWanted,
+    ) -> schemas.SeedPage:
+        """Return which solutions would seed a problem, and how."""
+        outage = None if outages is None else [f"{segment}:{days:g}" for segment, days in outages]
+        asked = {"problem": problem_hash, "outage": outage, "k": seed_k, **_choice(wanted)}
+        return self._ask("seeds", schemas.SeedPage, **asked)
+
+    def jobs(
+        self, campaign: int | None, search: str | None, state: str | None, limit: int, after: int = 0
+    ) -> schemas.JobPage:
+        """Return a page of jobs."""
+        page = {"campaign": campaign, "search": search, "state": state, "limit": limit, "after": after}
+        return self._ask("jobs", schemas.JobPage, **page)
+
+    def job(self, job_id: int) -> schemas.JobView:
+        """Return a job."""
+        return self._ask("job", schemas.JobView, job_id=job_id)
+
+    def workers(self) -> schemas.WorkerPage:
+        """Return the workers, with what they hold."""
+        return self._ask("workers", schemas.WorkerPage)
+
+    def events(self, after: int, campaign: int | None = None, limit: int = 200) -> list[schemas.EventView]:
+        """Return the events that follow an id."""
+        return self._ask("events", schemas.EventPage, after=after, campaign=campaign, limit=limit).items
+
+    def follow(self, campaign_id: int, after: int | None = None) -> Iterator[schemas.EventView]:
+        """Return the events of a campaign as they come, until the coordinator ends the stream."""
+        headers = {} if after is None else {"Last-Event-ID": str(after)}
+        path = ROUTES["follow"].path.format(campaign_id=campaign_id)
+        try:
+            with self._api.stream(path, headers, SILENCE_S) as lines:
+                for line in lines:
+                    if line.startswith("data:"):
+                        yield schemas.EventView.model_validate_json(line.removeprefix("data:"))
+        except (Unreachable, Rejected) as error:
+            raise _client_error(error) from error
+        except ValidationError as error:
+            raise ClientError(f"events: expected those of this version, got {error}") from error
+
+    def _ask(self, asked: str, answer: type[A], /, **wanted: Any) -> A:
+        route = ROUTES[asked]
+        query = {key: wanted[key] for key in route.query if wanted.get(key) is not None}
+        path = route.path.format(**{key: quote(str(value), safe="") for key, value in wanted.items()})
+        return _named(lambda: self._api.ask(route.verb, path, answer, params=query, timeout=TIMEOUT_S))
+
+
+def _choice(wanted: SeedsWanted) -> dict[str, Any]:
+    mapping = None if wanted.mapping is None else list(wanted.mapping)
+    return {"order": wanted.order, "limit": wanted.limit, "tolerance": wanted.tolerance, "mapping": mapping}
+
+
+def _named(ask: Callable[[], T]) -> T:
+    try:
+        return ask()
+    except (ApiError, Unreachable) as error:
+        raise _client_error(error) from error
+
+
+def _client_error(error: ApiError | Unreachable) -> ClientError:
+    if isinstance(error, Rejected):
+        return ClientError(str(error), error.status, error.code)
+    advice = "; start one with `coastarc serve`" if isinstance(error, Unreachable) else ""
+    return ClientError(f"{error}{advice}")

@@ -1,0 +1,95 @@
+"""Whether an archive is whole: its file, what refers to what, its tables, and its totals."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from sqlalchemy import Connection, func, select
+
+from service.db import postgres, sqlite_file
+from service.db.dialect import read_version
+from service.db.errors import DatabaseError
+from service.db.place import Place, shown
+from service.db.tables import SCHEMA_VERSION, Base, JobRow, SearchRow, SolveRow
+from service.db.upgrade import differences
+from service.doctor import Check
+
+RESTORE = "restore a backup with `coastarc db restore`"
+UPGRADE = "bring it to this version with `coastarc db upgrade`"
+
+
+def check(place: Place) -> list[Check]:
+    """Return all checks of an archive; those of its content are left out where its tables are others."""
+    if isinstance(place, Path):
+        if not sqlite_file.is_file(place):
+            raise DatabaseError(f"archive: expected a file, got {place}, which is none; run a campaign first")
+        whole = _integrity(place)
+        if whole.state == "failed":
+            return [whole]
+    else:
+        whole = Check(name="file", state="ok", found=f"PostgreSQL, {shown(place)}")
+    return [whole, *_of_connection(place)]
+
+
+def _of_connection(place: Place) -> list[Check]:
+    engine = sqlite_file.reader_engine(place) if isinstance(place, Path) else postgres.reader_engine(place)
+    looks: list[Callable[[Connection], Check]] = [_version, _schema, _references, _totals, _rows]
+    found: list[Check] = []
+    try:
+        with engine.connect() as connection:
+            for look in looks:
+                found.append(look(connection))
+                if found[0].state == "failed":
+                    break
+    finally:
+        engine.dispose()
+    return found
+
+
+def _integrity(path: Path) -> Check:
+    megabytes = path.stat().st_size / 1e6
+    return _judged("file", f"SQLite, {megabytes:.1f} MB, {path}", sqlite_file.integrity_faults(path), RESTORE)
+
+
+def _version(connection: Connection) -> Check:
+    version = read_version(connection)
+    faults = [] if version == SCHEMA_VERSION else [f"{version or 'none'}, where {SCHEMA_VERSION} is expected"]
+    return _judged("version", str(version), faults, UPGRADE)
+
+
+def _schema(connection: Connection) -> Check:
+    return _judged(
+        "tables", f"{len(Base.metadata.tables)} as they should be", differences(connection), RESTORE
+    )
+
+
+def _references(connection: Connection) -> Check:
+    if connection.dialect.name == "postgresql":
+        # The server lets nothing in that refers to nothing.
+        return Check(name="references", state="ok", found="kept by the server")
+    return _judged("references", "every row's are there", sqlite_file.reference_faults(connection), RESTORE)
+
+
+def _totals(connection: Connection) -> Check:
+    jobs = select(func.count(JobRow.id)).where(JobRow.search_id == SearchRow.id).scalar_subquery()
+    solves = select(func.count(SolveRow.id)).where(SolveRow.search_id == SearchRow.id).scalar_subquery()
+    differ = (SearchRow.n_planned != jobs) | (SearchRow.n_solves != solves)
+    names = connection.scalars(select(SearchRow.name).where(differ).order_by(SearchRow.id)).all()
+    faults = [f"those of search {name} are not those of its rows" for name in names]
+    return _judged("totals", "every search's are those of its rows", faults, RESTORE)
+
+
+def _rows(connection: Connection) -> Check:
+    counts = {
+        table.name: connection.scalar(select(func.count()).select_from(table))
+        for table in Base.metadata.sorted_tables
+    }
+    return Check(
+        name="rows", state="ok", found=", ".join(f"{n} {name}" for name, n in counts.items() if n) or "none"
+    )
+
+
+def _judged(name: str, found: str, faults: list[str], advice: str) -> Check:
+    if not faults:
+        return Check(name=name, state="ok", found=found)
+    more = f" and {len(faults) - 1} more" if len(faults) > 1 else ""
+    return Check(name=name, state="failed", found=faults[0] + more, advice=advice)

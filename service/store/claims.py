@@ -1,0 +1,111 @@
+"""Handing out jobs: whose turn it is, and the lease that begins."""
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+from sqlalchemy import bindparam, func, insert, literal_column, select
+from sqlalchemy.orm import Session
+
+from service.db.dialect import plain
+from service.db.tables import AttemptRow, CampaignRow, CaseRow, JobRow, SearchRow, SolutionRow
+from service.scheduler.sharing import Share, in_turn, mean_cost_s
+from service.store.specs import definition_of, search_spec
+from workers.job import Address, Claim, HopJob, MapJob
+
+# Statements are made once: to build one takes longer than to run it.  States stand in them as text, since
+# only then are the indexes of one state used.
+_MINE = JobRow.search_id == SearchRow.id
+_IS_READY = (JobRow.state == literal_column("'queued'")) & (JobRow.not_before <= bindparam("now"))
+_RUNNING = select(func.coalesce(func.sum(JobRow.n_hops), 0)).where(_MINE, JobRow.state == "running")
+_SHARES = (
+    select(SearchRow, CampaignRow, _RUNNING.scalar_subquery())
+    .join(CampaignRow, CampaignRow.id == SearchRow.campaign_id)
+    .where(SearchRow.state == "active", CampaignRow.state == "active")
+    .where(select(JobRow.id).where(_MINE, _IS_READY).exists())
+)
+_SHARES_OF_ONE = _SHARES.where(CampaignRow.id == bindparam("campaign"))
+_QUEUE = (
+    select(JobRow, CaseRow.problem_hash)
+    .join(CaseRow, (CaseRow.search_id == JobRow.search_id) & (CaseRow.position == JobRow.case_index))
+    .where(JobRow.search_id == bindparam("search_id"), _IS_READY)
+    .order_by(JobRow.priority, JobRow.id)
+    .limit(bindparam("most"))
+    .with_for_update(of=JobRow, skip_locked=True)
+)
+_ATTEMPT = insert(plain(AttemptRow))
+
+
+class _Turn(NamedTuple):
+    """A job to be handed out, and what it is about."""
+
+    job: JobRow
+    problem_hash: str
+    search: SearchRow
+    campaign: CampaignRow
+
+
+def claim(
+    session: Session, worker: str, n_jobs: int, campaign: int | None, now: float, lease_s: float
+) -> list[Claim]:
+    """Return the next jobs of active campaigns, or of one of them, which are then the worker's."""
+    if not n_jobs:
+        return []
+    statement, wanted = (_SHARES, {}) if campaign is None else (_SHARES_OF_ONE, {"campaign": campaign})
+    found = {row[0].id: row for row in session.execute(statement, {"now": now, **wanted})}
+    queues: dict[int, Iterator[Any]] = {}
+
+    def take(search_id: int) -> tuple[_Turn, int] | None:
+        if search_id not in queues:
+            asked = {"search_id": search_id, "now": now, "most": n_jobs}
+            queues[search_id] = iter(session.execute(_QUEUE, asked).all())
+        row = next(queues[search_id], None)
+        return None if row is None else (_Turn(*row, *found[search_id][:2]), row[0].n_hops)
+
+    shares = [_share(search, owner, n_running) for search, owner, n_running in found.values()]
+    turns = in_turn(shares, take, n_jobs)
+    claims = [_claimed(session, turn, worker, now, lease_s) for turn in turns]
+    if claims:
+        attempts = [(claim.job_id, claim.attempt) for claim in claims]
+        rows = [{"job_id": i, "attempt": n, "worker": worker, "started_at": now} for i, n in attempts]
+        session.connection().execute(_ATTEMPT, rows)
+    return claims
+
+
+def _share(search: SearchRow, campaign: CampaignRow, n_running: int) -> Share:
+    return Share(
+        search.id,
+        (campaign.priority, search.priority),
+        search.weight,
+        search.served_s,
+        int(n_running),
+        mean_cost_s(search.cpu_seconds, search.n_solves),
+    )
+
+
+def _claimed(session: Session, turn: _Turn, worker: str, now: float, lease_s: float) -> Claim:
+    job = turn.job
+    job.state, job.attempt, job.worker = "running", job.attempt + 1, worker
+    job.lease_until, job.updated_at = now + lease_s, now
+    return Claim(job_id=job.id, attempt=job.attempt, job=_message(session, turn))
+
+
+def _message(session: Session, turn: _Turn) -> HopJob | MapJob:
+    job, problem_hash, search, campaign = turn
+    spec = search_spec(campaign, search)
+    chain = int(job.chain, 16)
+    shared: dict[str, Any] = {
+        "problem": definition_of(session, problem_hash),
+        "rng_seed": campaign.rng_seed,
+        "address": Address(search=search.position, case=job.case_index, chain=chain, hop=job.hop),
+        "settings": spec.settings,
+    }
+    if job.seed_id is None:
+        return HopJob(**shared, n_hops=job.n_hops, laws=spec.laws)
+    seed = session.get_one(SolutionRow, job.seed_id)
+    return MapJob(
+        **shared,
+        seed_id=seed.id,
+        seed_problem=definition_of(session, seed.problem_hash),
+        seed_x=tuple(seed.x.tolist()),
+        mapping=job.mapping or "",
+    )

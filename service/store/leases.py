@@ -1,0 +1,98 @@
+"""Leases: renewed by heartbeats, taken back when they run out or when their workers are gone."""
+
+from collections.abc import Iterable, Sequence
+
+from sqlalchemy import select, tuple_, update
+from sqlalchemy.orm import Session
+
+from service.db.tables import AttemptRow, CampaignRow, JobRow, SearchRow, WorkerRow
+from service.store.dispatch import end_attempt
+from service.store.events import note_job
+from service.store.submission import advance
+from workers.executor import Ticket
+from workers.job import Ending, HeartbeatAnswer, HeldJob
+
+#: Jobs that one transaction takes back, so that others are not kept waiting.
+REAP_AT_ONCE = 500
+
+
+def heartbeat(
+    session: Session, worker: str, held: Iterable[Ticket], now: float, lease_s: float
+) -> HeartbeatAnswer:
+    """Extend the leases that are still held; tell which jobs to cancel, and which are no longer held."""
+    tickets = sorted(set(held))
+    row = session.get(WorkerRow, worker)
+    if row is not None:
+        row.seen_at = now
+    is_held = (
+        JobRow.id.in_([ticket.job_id for ticket in tickets])
+        & tuple_(JobRow.id, JobRow.attempt).in_(tickets)
+        & (JobRow.state == "running")
+    )
+    statement = (
+        update(JobRow)
+        .where(is_held)
+        .values(lease_until=now + lease_s)
+        .returning(JobRow.id, JobRow.attempt, JobRow.is_cancelling)
+    )
+    kept = {Ticket(job, attempt): flag for job, attempt, flag in session.execute(statement)}
+    return HeartbeatAnswer(
+        extended=_messages(ticket for ticket in tickets if ticket in kept),
+        to_cancel=_messages(ticket for ticket in tickets if kept.get(ticket)),
+        not_held=_messages(ticket for ticket in tickets if ticket not in kept),
+    )
+
+
+def _messages(tickets: Iterable[Ticket]) -> tuple[HeldJob, ...]:
+    return tuple(HeldJob(job_id=ticket.job_id, attempt=ticket.attempt) for ticket in tickets)
+
+
+def reap(session: Session, now: float) -> int:
+    """Take back the jobs whose leases ran out, a failure of theirs; return how many."""
+    expired = (
+        select(JobRow)
+        .where(JobRow.state == "running", JobRow.lease_until < now)
+        .order_by(JobRow.id)
+        .limit(REAP_AT_ONCE)
+        .with_for_update(skip_locked=True)
+    )
+    jobs = session.scalars(expired).all()
+    for job in jobs:
+        _log_loss(session, job, now)
+        end_attempt(job, Ending.LOST, now)
+    _go_on(session, jobs, now)
+    return len(jobs)
+
+
+def recover(session: Session, workers: str, now: float) -> int:
+    """Put back what workers were doing that are gone for sure; return how many jobs that were.
+
+    This does not count as a failure of the job: the end of a whole process says nothing about it.
+    """
+    theirs = JobRow.worker.startswith(workers, autoescape=True)
+    orphans = session.scalars(select(JobRow).where(JobRow.state == "running", theirs)).all()
+    for job in orphans:
+        _log_loss(session, job, now)
+        job.state = "cancelled" if job.is_cancelling else "queued"
+        job.lease_until, job.is_cancelling, job.updated_at = None, False, now
+    _go_on(session, orphans, now)
+    for campaign in session.scalars(select(CampaignRow).where(CampaignRow.state == "active")):
+        advance(session, campaign, now)
+    return len(orphans)
+
+
+def _log_loss(session: Session, job: JobRow, now: float) -> None:
+    attempt = session.get_one(AttemptRow, (job.id, job.attempt))
+    attempt.ended_at, attempt.ending = now, Ending.LOST.value
+    attempt.error = f"lease: expected a heartbeat of {job.worker}, got none in time"
+
+
+def _go_on(session: Session, jobs: Sequence[JobRow], now: float) -> None:
+    """Tell what became of jobs, and plan what follows: one that died may have been the last of a search."""
+    campaigns = set()
+    for job in jobs:
+        search = session.get_one(SearchRow, job.search_id)
+        note_job(session, search, job, now)
+        campaigns.add(search.campaign_id)
+    for campaign_id in sorted(campaigns):
+        advance(session, session.get_one(CampaignRow, campaign_id), now)

@@ -1,0 +1,201 @@
+"""Which solutions would seed a search or a problem, and with which mappings; nothing is changed."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+from typing import Any
+
+from pydantic import ValidationError
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from core.analysis.distinct import features
+from core.problem import Problem, ProblemError, problem_from, validation_message
+from service.api.schemas import SeedPage
+from service.db.tables import CampaignRow, JobRow, ProblemRow, SearchRow, SolutionRow
+from service.scheduler import plan
+from service.scheduler.plan import Candidate, PlannedJob
+from service.search_spec import SearchSpec
+from service.spec import Spec, SpecError
+from service.store.errors import StoreError, UnknownRow
+from service.store.specs import search_spec, spec_of
+from service.store.submission import candidates
+
+#: Pairs of a seed and a mapping in one answer, at most.
+MOST_PAIRS = 1000
+#: Seeds of a problem, where none are asked for in particular.
+USUAL_LIMIT = 50
+
+
+@dataclass(frozen=True, slots=True)
+class SeedsWanted:
+    """How seeds are chosen and mapped; None leaves it to the search."""
+
+    order: str | None = None
+    limit: int | None = None
+    tolerance: str | None = None
+    mapping: tuple[str, ...] | None = None
+
+    def applied(self, fields: dict[str, Any]) -> SearchSpec:
+        """Return the search of some fields with these choices, checked like any other."""
+        given = {"order": self.order, "limit": self.limit, "tolerance": self.tolerance}
+        fields["seeds"] |= {name: value for name, value in given.items() if value is not None}
+        if self.mapping is not None:
+            fields["mapping"] = self.mapping
+        try:
+            return SearchSpec.model_validate(fields)
+        except ValidationError as error:
+            raise SpecError(validation_message("seeds", error, SearchSpec)) from error
+
+
+def seeds_of_search(session: Session, campaign_id: int, name: str, wanted: SeedsWanted) -> SeedPage:
+    """Return what would seed a search of a campaign, and the jobs that it has planned for that."""
+    own = (SearchRow.campaign_id == campaign_id) & (SearchRow.name == name)
+    row, campaign = session.scalar(select(SearchRow).where(own)), session.get(CampaignRow, campaign_id)
+    if campaign is None:
+        raise UnknownRow("campaign", campaign_id)
+    if row is None:
+        raise UnknownRow("search", f"{name} of campaign {campaign_id}")
+    fields = search_spec(campaign, row).model_dump(by_alias=True, exclude_unset=True)
+    if "seeds" not in fields:
+        raise StoreError(f"search {name}: expected S(k|k'), which takes seeds, got {row.strategy}")
+    search = wanted.applied(fields)
+    found = candidates(session, campaign, row, search)
+    return _page(session, spec_of(campaign), search, found, row.id)
+
+
+def seeds_of_problem(
+    session: Session,
+    problem_hash: str,
+    outages: Sequence[tuple[int, float]] | None,
+    seed_k: int | None,
+    wanted: SeedsWanted,
+) -> SeedPage:
+    """Return the solutions of the whole archive that would seed a problem, or one of other outages."""
+    row = session.get(ProblemRow, problem_hash)
+    if row is None:
+        raise UnknownRow("problem", problem_hash)
+    try:
+        problem = problem_from(row.definition)
+        problem = problem if outages is None else problem.with_outages(outages)
+    except ProblemError as error:
+        raise SpecError(str(error)) from error
+    if problem.k == 0:
+        raise StoreError("problem: expected outages, since seeds are mapped to more of them, got none")
+    fields = {
+        "id": "target",
+        "strategy": f"S({problem.k}|{seed_k or 0})",
+        "outages": problem.model_dump(mode="json")["outages"],
+        "seeds": {"from": "archive", "campaign": "archive", "any_duration": True},
+    }
+    search = replace(wanted, limit=wanted.limit or USUAL_LIMIT).applied(fields)
+    spec = _alone(problem, search)
+    ks = range(problem.k) if seed_k is None else [seed_k]
+    return _page(session, spec, search, _of_family(session, problem, ks, search))
+
+
+def _alone(problem: Problem, search: SearchSpec) -> Spec:
+    """Return a specification with nothing but a search."""
+    reference = problem.with_outages(()).model_dump(mode="json")
+    fields = {"campaign": {"name": "archive", "rng_seed": 0}, "problem": reference, "search": [search]}
+    try:
+        return Spec.model_validate(fields)
+    except ValidationError as error:
+        raise SpecError(validation_message("seeds", error, Spec)) from error
+
+
+def _of_family(session: Session, problem: Problem, ks: Sequence[int], search: SearchSpec) -> list[Candidate]:
+    """Return the solutions of all problems that differ from one in their outages alone."""
+    assert search.seeds is not None
+    kin = select(ProblemRow).where(ProblemRow.k.in_(ks), ProblemRow.n_segments == problem.n_segments)
+    wanted = _without_outages(problem.model_dump(mode="json"))
+    family = {
+        row.hash: _outages(row.definition)
+        for row in session.scalars(kin)
+        if _without_outages(row.definition) == wanted
+    }
+    is_good = SolutionRow.strict if search.seeds.tolerance == "strict" else SolutionRow.paper
+    query = select(
+        SolutionRow.id, SolutionRow.problem_hash, SolutionRow.delta_v_km_s, SolutionRow.time_of_flight_days
+    ).where(SolutionRow.problem_hash.in_(list(family)), is_good)
+    is_diverse = search.seeds.order == "diversity"
+    return [
+        # In order of hash where the order leaves it open: no rule may look at who came first.
+        Candidate(
+            solution_id,
+            (0, solution_id, 0),
+            family[problem_hash],
+            delta_v,
+            time_of_flight,
+            features(problem, session.get_one(SolutionRow, solution_id).x) if is_diverse else None,
+        )
+        for solution_id, problem_hash, delta_v, time_of_flight in session.execute(query)
+    ]
+
+
+def _without_outages(definition: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in definition.items() if name != "outages"}
+
+
+def _outages(definition: dict[str, Any]) -> tuple[tuple[int, float], ...]:
+    return tuple((outage["segment"], outage["duration_days"]) for outage in definition["outages"])
+
+
+def _page(
+    session: Session, spec: Spec, search: SearchSpec, found: list[Candidate], search_id: int | None = None
+) -> SeedPage:
+    seeds = plan.chosen(search, found)
+    try:
+        planned = islice(_pairs(spec, search, seeds), search.guesses)
+        pairs = list(islice(planned, MOST_PAIRS + 1))
+    except ValueError as error:
+        raise StoreError(f"mapping: {error}") from error
+    hashes = [problem.hash for problem in spec.problems_of(search)]
+    known = _planned(session, search_id)
+    items = []
+    for seed, job in pairs[:MOST_PAIRS]:
+        job_id, job_state = known.get((seed.id, job.case, job.mapping or ""), (None, None))
+        items.append(
+            _of_seed(session, seed)
+            | {"problem_hash": hashes[job.case], "outages": _listed(search.outage_sets[job.case])}
+            | {"mapping": job.mapping, "job_id": job_id, "job_state": job_state}
+        )
+    is_cut = len(pairs) > MOST_PAIRS
+    return SeedPage.model_validate({"items": items, "n_candidates": len(found), "is_cut": is_cut})
+
+
+def _of_seed(session: Session, seed: Candidate) -> dict[str, Any]:
+    solution = session.get_one(SolutionRow, seed.id)
+    return {
+        "seed_id": seed.id,
+        "seed_problem_hash": solution.problem_hash,
+        "seed_outages": _listed(seed.outages),
+        "delta_v_km_s": seed.delta_v_km_s,
+        "time_of_flight_days": seed.time_of_flight_days,
+        "strict": solution.strict,
+    }
+
+
+def _pairs(
+    spec: Spec, search: SearchSpec, seeds: Sequence[Candidate]
+) -> Iterator[tuple[Candidate, PlannedJob]]:
+    for number, seed in enumerate(seeds):
+        for job in plan.map_jobs(spec, search, seed, number):
+            yield seed, job
+
+
+def _planned(session: Session, search_id: int | None) -> dict[tuple[str, int, str], tuple[int, str]]:
+    """Return the map jobs of a search (id, state) by seed, case and mapping."""
+    if search_id is None:
+        return {}
+    query = select(JobRow.seed_id, JobRow.case_index, JobRow.mapping, JobRow.id, JobRow.state).where(
+        JobRow.search_id == search_id, JobRow.kind == "map"
+    )
+    return {
+        (seed or "", case, mapping or ""): (job_id, state)
+        for seed, case, mapping, job_id, state in session.execute(query)
+    }
+
+
+def _listed(case: Sequence[tuple[int, float]]) -> list[dict[str, Any]]:
+    return [{"segment": segment, "duration_days": duration} for segment, duration in case]

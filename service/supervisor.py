@@ -1,0 +1,136 @@
+"""Keeps a dispatcher alive as a child of the coordinator.
+
+The child may die at any time, and Ray makes it die now and then: its jobs come back through their leases, and
+another child is started.  It is told what to do, and to stop, through a pipe, so that it ends by itself when
+the coordinator is killed and nobody can tell it anything any more.
+"""
+
+import logging
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+
+from workers.backoff import Backoff
+from workers.dispatch import CANNOT_WORK, DispatchOrder
+
+log = logging.getLogger(__name__)
+
+#: Pauses before a child is started again; the first is short, since jobs wait for it [s].
+FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 30.0
+#: A child that has lived so long was well: the next pause is short again [s].
+WELL_S = 60.0
+#: How long a child may take to stop solves, to report them and to leave its cluster, before it is killed [s].
+LEAVE_S = 20.0
+
+
+class Supervisor:
+    """One child after the other, each with an order of its own."""
+
+    def __init__(self, order: Callable[[], DispatchOrder]) -> None:
+        self._order = order
+        self._stop = threading.Event()
+        self._lock = threading.Lock()
+        self._child: subprocess.Popen[str] | None = None
+        self._fault: str | None = None
+        self._thread = threading.Thread(target=self._run, name="supervisor", daemon=True)
+
+    @property
+    def pid(self) -> int | None:
+        """The process id of the child, if one runs."""
+        child = self._child
+        return child.pid if child is not None and child.poll() is None else None
+
+    @property
+    def fault(self) -> str | None:
+        """Why no child can work, if that is so."""
+        return self._fault
+
+    def start(self) -> None:
+        """Start a child, and another whenever it dies."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Have the child hand in what it has, and end it."""
+        with self._lock:
+            self._stop.set()
+            child = self._child
+        if child is not None:
+            _tell(child, "stop\n")
+            try:
+                child.wait(LEAVE_S)
+            except subprocess.TimeoutExpired:
+                log.warning("dispatcher: expected to stop in %.0f s, got none; it is killed", LEAVE_S)
+                child.kill()
+        self._thread.join()
+
+    def _run(self) -> None:
+        backoff = Backoff(FIRST_PAUSE_S, LONGEST_PAUSE_S)
+        while self._started():
+            begin = time.monotonic()
+            code, said = self._wait()
+            if self._stop.is_set():
+                return
+            if code == CANNOT_WORK:
+                self._fault = said
+                return
+            if time.monotonic() - begin > WELL_S:
+                backoff.succeeded()
+            pause_s = backoff.failed()
+            reason = said or f"exit code {code}"
+            log.warning("dispatcher: expected to run, got %s; started again in %.1f s", reason, pause_s)
+            self._stop.wait(pause_s)
+
+    def _started(self) -> bool:
+        """Start a child, unless it is too late for that."""
+        try:
+            order = self._order()
+            with self._lock:
+                if self._stop.is_set():
+                    return False
+                self._child = _spawn()
+        except Exception as error:
+            # A full disk, or no memory for a process: the coordinator has to say so.
+            self._fault = repr(error)
+            return False
+        _tell(self._child, order.written() + "\n")
+        return True
+
+    def _wait(self) -> tuple[int, str]:
+        """Return how the child ended, and the last line that it said."""
+        assert self._child is not None and self._child.stdout is not None and self._child.stdin is not None
+        said = ""
+        for line in self._child.stdout:
+            said = line.strip() or said
+        code = self._child.wait()
+        self._child.stdout.close()
+        try:
+            self._child.stdin.close()
+        except OSError:
+            pass  # It died with an order unread.
+        return code, said
+
+
+def _spawn() -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        # -P: a folder called `core` where the user happens to stand must not be imported.
+        [sys.executable, "-P", "-m", "workers.dispatch"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        encoding="utf-8",
+        env=dict(os.environ) | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        # Ctrl-C in the terminal is ours alone: we then tell the child.
+        start_new_session=True,
+    )
+
+
+def _tell(child: subprocess.Popen[str], line: str) -> None:
+    assert child.stdin is not None
+    try:
+        child.stdin.write(line)
+        child.stdin.flush()
+    except (OSError, ValueError):
+        return  # A child that just died is noticed where it is waited for.

@@ -1,0 +1,98 @@
+"""The pages about the API and about deploying against the application, and the document that it gives out."""
+
+import re
+from pathlib import Path
+
+import pytest
+import typer.main
+
+from service.api.prometheus import _places, _work, _writes
+from service.app import create_app
+from service.cli import app as commands
+from service.rights import RIGHTS, least, line_of
+from service.route_index import lines_of
+from service.store.gauges import Reading
+
+DOCS = Path(__file__).parents[2] / "docs"
+API = (DOCS / "api.md").read_text(encoding="utf-8")
+DEPLOY = (DOCS / "deploy.md").read_text(encoding="utf-8")
+ROWS = re.findall(r"^\| (`(?:GET|HEAD|POST|PUT|PATCH|DELETE) [^|]*) \| (\w+) \|", API, re.MULTILINE)
+#: Role by route, as documented.
+ROLES = {
+    line_of(*route.split(" ")): role for routes, role in ROWS for route in re.findall(r"`([^`]*)`", routes)
+}
+
+
+def test_every_route_is_documented_with_its_role_and_no_other(store):
+    routes = set(lines_of(create_app(store)))
+    assert set(ROLES) == routes
+    for line, role in ROLES.items():
+        assert role == ("anyone" if RIGHTS[line] is None else least(RIGHTS[line])), line
+
+
+def command_names(command, name="coastarc"):
+    inner = getattr(command, "commands", None)
+    if inner is None:
+        return [name]
+    return [full for word, one in inner.items() for full in command_names(one, f"{name} {word}")]
+
+
+@pytest.mark.parametrize("name", command_names(typer.main.get_command(commands)))
+def test_every_command_is_documented(name):
+    assert re.search(rf"`{name}( [A-Z]+)*`", API), name
+
+
+def test_every_metric_is_documented():
+    reading = Reading({}, {}, {}, {}, {}, 0, 0, 0, 0.0, 0)
+    families = [*_work(reading), *_places(reading, 0), *_writes([0] * 13, 0.0, 0)]
+    for family in families:
+        name = family.name + ("_total" if family.type == "counter" else "")
+        assert f"`{name}" in DEPLOY, name
+
+
+@pytest.fixture
+def operations(client):
+    paths = client.get("/api/v1/openapi.json").json()["paths"]
+    return {
+        f"{verb.upper()} {path}": operation
+        for path, verbs in paths.items()
+        for verb, operation in verbs.items()
+    }
+
+
+def test_every_operation_has_a_summary_and_says_how_it_refuses(operations):
+    for name, operation in operations.items():
+        assert operation["summary"], name
+        refusals = [status for status in operation["responses"] if status >= "400"]
+        assert {"401", "403", "422", "429", "503"} <= set(refusals), name
+        for status in refusals:
+            assert "application/problem+json" in operation["responses"][status]["content"], (name, status)
+
+
+def has_example(content, schemas):
+    schema = content.get("schema", {})
+    name = schema.get("$ref", "").rpartition("/")[2]
+    return bool(
+        {"example", "examples"} & content.keys()
+        or {"example", "examples"} & schema.keys()
+        or {"example", "examples"} & schemas.get(name, {}).keys()
+    )
+
+
+def test_every_operation_has_an_example_of_what_it_takes_and_answers(client, operations):
+    schemas = client.get("/api/v1/openapi.json").json()["components"]["schemas"]
+    for name, operation in operations.items():
+        body = operation.get("requestBody", {"content": {}})["content"]
+        for content in body.values():
+            assert has_example(content, schemas), f"body of {name}"
+        for status, answer in operation["responses"].items():
+            if status < "300":
+                for kind, content in answer.get("content", {}).items():
+                    assert has_example(content, schemas), f"{kind} {status} of {name}"
+
+
+def test_every_example_of_a_schema_is_valid(client):
+    from service.api.examples import EXAMPLES
+
+    for model, example in EXAMPLES.items():
+        model.model_validate(example)

@@ -1,0 +1,51 @@
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from typer.main import get_command
+
+from service.bench_load import outcome
+from service.bench_probe import percentile_ms
+from service.cli_bench import bench
+from tests.service.campaigns import submitted
+from workers.executor import Ticket
+from workers.job import JobOutcome
+
+
+def test_simulated_outcomes_are_taken_for_real_ones_of_both_kinds(store):
+    submitted(store)
+    kinds = set()
+    while claims := store.claim("simulated", 3):
+        for claim in claims:
+            job = json.loads(claim.job.model_dump_json())
+            answer = JobOutcome.model_validate(outcome(job, np.random.default_rng(claim.job_id), 1.0))
+            store.complete(Ticket(claim.job_id, claim.attempt), answer)
+            kinds.add(claim.job.kind)
+    s0, s1 = store.campaign(1).searches
+    assert kinds == {"hop", "map"} and s0.n_strict == 4 and s1.n_strict == 4
+
+
+@pytest.mark.parametrize(
+    ("times", "share", "expected"),
+    [([], 0.5, None), ([0.002], 0.99, 2.0), ([0.001 * n for n in range(1, 101)], 0.99, 100.0)],
+)
+def test_percentiles_are_those_of_the_ordered_times(times, share, expected):
+    assert percentile_ms(times, share) == (None if expected is None else pytest.approx(expected))
+
+
+def test_a_short_measurement_over_real_processes(tmp_path):
+    words = ["service", "--outcomes", "12", "--workers", "3", "--seconds", "120", "--rate", "0", "--json"]
+    answer = CliRunner().invoke(get_command(bench), [*words, "--folder", str(tmp_path / "kept")])
+    assert answer.exit_code == 0, answer.output
+    measured = json.loads(answer.output)
+    assert measured["n_outcomes"] >= 11 and measured["n_locked"] == 0
+    assert measured["completions"]["p99_ms"] > 0 and measured["cpu_ms_per_outcome"] > 0
+    assert set(measured["statuses"]) <= {"claim 200", "complete 200", "heartbeat 200"}
+    assert min(measured["memory_mb"]) > 10 and (tmp_path / "kept" / "coastarc.db").exists()
+
+
+def test_a_folder_with_something_in_it_is_refused(tmp_path):
+    (tmp_path / "mine").write_text("")
+    answer = CliRunner().invoke(get_command(bench), ["service", "--folder", str(tmp_path)])
+    assert answer.exit_code == 2 and "empty folder" in answer.output

@@ -1,0 +1,72 @@
+import io
+import json
+import logging
+import threading
+
+import pytest
+
+from service import logs
+from service.rights import Role
+
+log = logging.getLogger("service.test")
+
+
+@pytest.fixture
+def lines():
+    root = logging.getLogger()
+    before = root.handlers[:], root.level
+    stream = io.StringIO()
+    logs.configure(stream)
+    yield lambda: [json.loads(line) for line in stream.getvalue().splitlines()]
+    root.handlers[:], root.level = before
+
+
+def test_a_line_is_one_object_with_the_ids_of_what_it_is_about(lines):
+    with logs.about(worker="node7:1"):
+        log.info("attempt\nended", extra={"campaign": 1, "job": 17, "attempt": 2})
+    log.info("alone")
+    first, second = lines()
+    assert first["message"] == "attempt\nended" and first["level"] == "info"
+    assert [first[name] for name in logs.IDS] == [1, 17, 2, "node7:1"]
+    assert set(second) == {"time", "level", "logger", "message"} and second["time"].endswith("+00:00")
+
+
+def test_ids_belong_to_their_own_thread(lines):
+    with logs.about(job=1):
+        thread = threading.Thread(target=lambda: log.info("elsewhere"))
+        thread.start()
+        thread.join()
+    assert "job" not in lines()[0]
+
+
+def test_a_traceback_stays_in_its_line(lines):
+    try:
+        raise ZeroDivisionError("oh")
+    except ZeroDivisionError:
+        log.exception("failed")
+    (line,) = lines()
+    assert line["level"] == "error" and line["traceback"].endswith("ZeroDivisionError: oh")
+
+
+def test_secrets_are_blotted_out(lines, store):
+    token = store.identities.create("ada", Role.ADMIN, 1.0).token
+    log.warning("got %s and postgresql://ada:secret@db/archive", token)
+    message = lines()[0]["message"]
+    assert "secret" not in message and token not in message and "@db/archive" in message
+
+
+def test_what_a_transaction_says_is_logged_once_it_is_stored_and_never_otherwise(lines, store):
+    def work(fails):
+        def inner(session):
+            logs.say(session, log, logging.INFO, "stored", job=3)
+            if fails:
+                raise ZeroDivisionError
+
+        return inner
+
+    with pytest.raises(ZeroDivisionError):
+        store._database.write(work(True))
+    assert lines() == []
+    store._database.write(work(False))
+    store.check()
+    assert [(line["message"], line["job"]) for line in lines()] == [("stored", 3)]

@@ -1,0 +1,201 @@
+"""The coordinator over HTTP: one question asked once, and the source of jobs made of three of them.
+
+Whether and when to ask again is for whoever asks; what may be asked again is raised as `Unreachable`.
+
+    ApiError(RuntimeError)   an address that is none
+        Rejected             an answer that stays the same however often one asks
+    Unreachable              see `workers.source`
+"""
+
+import ipaddress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from types import TracebackType
+from typing import Any, NoReturn, Self, TypeVar
+
+import httpx
+from pydantic import BaseModel, ValidationError
+
+from workers.job import (
+    ClaimAnswer,
+    ClaimRequest,
+    CompleteAnswer,
+    CompleteRequest,
+    HeartbeatAnswer,
+    HeartbeatRequest,
+)
+from workers.source import Faulty, Refused, StaleAttempt, Unacceptable, Unreachable
+
+#: Where the routes of the coordinator begin.
+ROOT = "/api/v1"
+#: How long an answer may take [s].
+TIMEOUT_S = 15.0
+#: Shorter than servers keep an idle connection, so that we never write into one that is being closed [s].
+KEEPALIVE_S = 3.0
+#: What a coordinator, or a proxy before it, answers while it cannot work.
+PASSING = (408, 425, 429, 502, 503, 504)
+
+A = TypeVar("A", bound=BaseModel)
+
+
+class ApiError(RuntimeError):
+    """A coordinator that cannot be asked, or not this."""
+
+
+class Rejected(ApiError):
+    """A refusal, with its status and the code that programs go by."""
+
+    def __init__(self, status: int, detail: str, code: str | None = None) -> None:
+        super().__init__(detail)
+        self.status = status
+        self.code = code
+
+
+class Api:
+    """The routes of one coordinator, for any thread."""
+
+    def __init__(
+        self,
+        url: str,
+        token: str | None = None,
+        timeout_s: float = TIMEOUT_S,
+        transport: httpx.BaseTransport | None = None,
+    ) -> None:
+        self.url = url.rstrip("/")
+        self._http = httpx.Client(
+            base_url=_checked(self.url) + ROOT,
+            headers={"Authorization": f"Bearer {token}"} if token else {},
+            timeout=timeout_s,
+            limits=httpx.Limits(keepalive_expiry=KEEPALIVE_S),
+            # A proxy of the environment leads away from this machine.
+            trust_env=not _is_loopback(self.url),
+            transport=transport,
+        )
+
+    def __enter__(self) -> Self:
+        """Give the routes; connections are closed at the end of the block."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close all connections."""
+        self._http.close()
+
+    def ask(self, verb: str, path: str, answer: type[A], body: BaseModel | None = None, **more: Any) -> A:
+        """Return the answer of a route, parsed; `more` is what httpx takes besides."""
+        return self.ask_for_status(verb, path, answer, body, **more)[0]
+
+    def ask_for_status(
+        self, verb: str, path: str, answer: type[A], body: BaseModel | None = None, **more: Any
+    ) -> tuple[A, int]:
+        """Return the answer of a route, parsed, and its status."""
+        if body is not None:
+            more |= {"content": body.model_dump_json(), "headers": {"Content-Type": "application/json"}}
+        with self._faults_named():
+            reply = self._http.request(verb, path, **more)
+        if not reply.is_success:
+            self._refuse(reply)
+        try:
+            return answer.model_validate_json(reply.content), reply.status_code
+        except ValidationError as error:
+            first = error.errors()[0]
+            place = ".".join(map(str, first["loc"]))
+            raise Rejected(
+                reply.status_code,
+                f"coordinator {self.url}: expected {answer.__name__} from {path}, got {first['msg']} at "
+                f"{place!r}; install the coordinator's version here",
+            ) from None
+
+    @contextmanager
+    def stream(self, path: str, headers: Mapping[str, str], read_timeout_s: float) -> Iterator[Iterator[str]]:
+        """Give the lines of an answer that stays open."""
+        timeout = httpx.Timeout(TIMEOUT_S, read=read_timeout_s)
+        with self._faults_named(), self._http.stream("GET", path, headers=headers, timeout=timeout) as reply:
+            if not reply.is_success:
+                reply.read()
+                self._refuse(reply)
+            yield reply.iter_lines()
+
+    @contextmanager
+    def _faults_named(self) -> Iterator[None]:
+        try:
+            yield
+        except httpx.TransportError as error:
+            reason = str(error) or type(error).__name__
+            raise Unreachable(f"coordinator: expected one at {self.url}, got {reason}") from error
+
+    def _refuse(self, reply: httpx.Response) -> NoReturn:
+        detail, code = _fault_of(reply)
+        if reply.status_code == 500:
+            raise Faulty(f"coordinator {self.url}: expected an answer, got 500, {detail}")
+        if reply.status_code in PASSING:
+            raise Unreachable(
+                f"coordinator {self.url}: expected an answer, got {reply.status_code}, {detail}",
+                _seconds(reply.headers.get("Retry-After", "")),
+            )
+        raise Rejected(reply.status_code, detail, code)
+
+
+class HttpSource:
+    """A coordinator as a source of jobs."""
+
+    def __init__(self, api: Api) -> None:
+        self._api = api
+
+    def claim(self, request: ClaimRequest) -> ClaimAnswer:
+        """Return jobs, which are then this worker's for the time of a lease."""
+        return self._ask("claim", request, ClaimAnswer)
+
+    def heartbeat(self, request: HeartbeatRequest) -> HeartbeatAnswer:
+        """Extend the leases of what is held; return what is to be cancelled, and what is lost."""
+        return self._ask("heartbeat", request, HeartbeatAnswer)
+
+    def complete(self, request: CompleteRequest) -> CompleteAnswer:
+        """Report an outcome."""
+        try:
+            return self._ask("complete", request, CompleteAnswer)
+        except Rejected as error:
+            raise Unacceptable(str(error)) from error
+
+    def _ask(self, verb: str, request: BaseModel, answer: type[A]) -> A:
+        try:
+            return self._api.ask("POST", f"/jobs/{verb}", answer, request)
+        except Rejected as error:
+            if error.code == "stale_attempt":
+                raise StaleAttempt(str(error)) from error
+            if verb == "complete" and error.status in (404, 413, 422):
+                raise
+            raise Refused(str(error)) from error
+
+
+def _fault_of(reply: httpx.Response) -> tuple[str, str | None]:
+    """Return what a refusal says, and its code."""
+    try:
+        fault = reply.json()
+        return str(fault["detail"]), fault.get("code")
+    except (ValueError, KeyError, TypeError, AttributeError):
+        url = reply.request.url
+        return f"coordinator: expected one at {url}, got status {reply.status_code} of something else", None
+
+
+def _checked(url: str) -> str:
+    try:
+        parsed = httpx.URL(url)
+    except httpx.InvalidURL as error:
+        raise ApiError(f"url: expected one as http://host:8741, got {url}: {error}") from None
+    if parsed.scheme not in ("http", "https") or not parsed.host:
+        raise ApiError(f"url: expected one as http://host:8741, got {url}")
+    return url
+
+
+def _is_loopback(url: str) -> bool:
+    host = httpx.URL(url).host
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def _seconds(text: str) -> float:
+    return float(text) if text.isdecimal() and len(text) < 6 else 0.0

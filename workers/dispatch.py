@@ -1,0 +1,148 @@
+"""A dispatcher as a process: an executor on one side, a coordinator's API on the other, and nothing else.
+
+`coastarc dispatch` runs it where an operator wants it.  A coordinator starts its own as a child by
+`python -m workers.dispatch`: what to do comes as one line of JSON on stdin, with the token, which so stands
+in no list of processes.  The line `stop` asks the child to end; if stdin closes, the coordinator is gone, and
+the child ends too.  Nothing heavy is imported here, so that it starts quickly.
+"""
+
+import json
+import logging
+import os
+import platform
+import signal
+import sys
+import threading
+import uuid
+from enum import StrEnum
+from io import FileIO
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, SecretStr
+
+from workers.child import runner_named
+from workers.client import Api, ApiError, HttpSource
+from workers.dispatcher import Dispatcher
+from workers.executor import Executor, ExecutorError, ExecutorLost
+from workers.inline import Inline
+from workers.job import Message, RowId, WorkerInfo
+from workers.process_pool import ProcessPool
+from workers.provenance import code_version
+from workers.source import Refused
+
+RUNNER = "workers.run:run_job"
+#: Exit codes: somebody has to mend something; a new dispatcher will do.
+CANNOT_WORK, EXECUTOR_LOST = 2, 3
+#: What makes starting a dispatcher again useless.
+FAULTS = (ApiError, Refused, ExecutorError)
+#: How long a child whose parent is gone may take to stop in peace [s].
+ORPHAN_S = 4.0
+
+
+class ExecutorKind(StrEnum):
+    """What runs the jobs."""
+
+    INLINE = "inline"
+    PROCESS = "process"
+    RAY = "ray"
+
+
+class DispatchOrder(Message):
+    """What a dispatcher is to do."""
+
+    url: str
+    token: SecretStr | None = None
+    executor: ExecutorKind = ExecutorKind.PROCESS
+    #: None for one per processor, or for a cluster that has its own.
+    n_workers: Annotated[int, Field(ge=1, le=1024)] | None = None
+    #: Of a Ray cluster; `local` starts one.
+    address: str = "local"
+    cluster_token: Path | None = None
+    #: Only the jobs of one campaign.
+    campaign_id: RowId | None = None
+    #: What calls the solver, as module:name.
+    runner: str = RUNNER
+    #: How its name begins among the workers of the coordinator.
+    prefix: str = ""
+
+    def written(self) -> str:
+        """Return the order in one line and with its secret, to be handed over through a pipe."""
+        token = self.token.get_secret_value() if self.token else None
+        return json.dumps(self.model_dump(mode="json") | {"token": token})
+
+
+def dispatch(order: DispatchOrder, stop: threading.Event) -> None:
+    """Work until told to stop."""
+    token = order.token.get_secret_value() if order.token else None
+    with Api(order.url, token) as api:
+        executor = _executor(order, stop)
+        try:
+            worker = _worker(order, executor)
+            Dispatcher(HttpSource(api), executor, worker, order.campaign_id).run(stop.is_set)
+        finally:
+            executor.close()
+
+
+def stop_on_signals(stop: threading.Event) -> None:
+    """Let SIGINT and SIGTERM end the work in peace."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+
+
+def _executor(order: DispatchOrder, stop: threading.Event) -> Executor:
+    if order.executor is ExecutorKind.INLINE:
+        return Inline(runner_named(order.runner), stop.is_set)
+    if order.executor is ExecutorKind.PROCESS:
+        return ProcessPool(order.n_workers or os.cpu_count() or 1, order.runner)
+    # Read only where it is wanted: most installations have no Ray.
+    from workers.ray_executor import RayCluster, RayExecutor
+
+    cluster = RayCluster(order.address, order.n_workers, order.cluster_token)
+    return RayExecutor(cluster, order.runner)
+
+
+def _worker(order: DispatchOrder, executor: Executor) -> WorkerInfo:
+    host = (platform.node() or "localhost").encode("ascii", "replace").decode()[:100]
+    return WorkerInfo(
+        # Two containers may have the same host name and the same process id.
+        name=f"{order.prefix}{host}:{os.getpid()}:{uuid.uuid4().hex[:6]}",
+        host=host,
+        executor=order.executor.value,
+        slots=executor.capacity(),
+        code_version=code_version(),
+        python_version=platform.python_version(),
+    )
+
+
+def _listen(orders: FileIO, stop: threading.Event) -> None:
+    """Wait for the word or the death of the coordinator, and stop."""
+    if orders.readline() == b"":
+        # Whatever does not end in peace ends all the same; the pool's processes then see their pipes close.
+        timer = threading.Timer(ORPHAN_S, os._exit, (CANNOT_WORK,))
+        timer.daemon = True
+        timer.start()
+    stop.set()
+
+
+def main() -> int:
+    """Run as the child of a coordinator; return the exit code, its reason being the last line printed."""
+    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
+    stop = threading.Event()
+    # Ctrl-C in the terminal is the coordinator's business, which then says so here.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda *_: stop.set())
+    # Raw: the interpreter could not end while a thread waits in the buffer of `sys.stdin`.
+    orders = FileIO(sys.stdin.fileno(), closefd=False)
+    order = DispatchOrder.model_validate_json(orders.readline())
+    threading.Thread(target=_listen, args=(orders, stop), name="orders", daemon=True).start()
+    try:
+        dispatch(order, stop)
+    except FAULTS as error:
+        sys.stdout.write(f"{error}\n")
+        return EXECUTOR_LOST if isinstance(error, ExecutorLost) else CANNOT_WORK
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,40 @@
+"""Notices a Ray cluster that no longer runs tasks; without it a dispatcher would hang with its jobs."""
+
+import time
+from typing import Any
+
+from workers.executor import ExecutorLost
+from workers.ray_task import answer
+
+
+class Watchdog:
+    """Asks the cluster now and then to do nothing, since calls wait for ever once its raylet is dead."""
+
+    def __init__(self, ray: Any, interval_s: float = 5.0, timeout_s: float = 10.0) -> None:
+        self._ray = ray
+        self._task = self._ray.remote(num_cpus=0, max_retries=0)(answer)
+        self._interval_s = interval_s
+        self._timeout_s = timeout_s
+        self._next = time.monotonic() + interval_s
+        self._asked: tuple[Any, float] | None = None
+        self._n_missed = 0
+
+    def look(self) -> None:
+        """Ask, or look for the answer; raise ExecutorLost when two in a row did not come."""
+        now = time.monotonic()
+        if self._asked is None:
+            if now >= self._next:
+                self._asked = (self._task.remote(), now)
+            return
+        reference, since = self._asked
+        if self._ray.wait([reference], timeout=0)[0]:
+            # An answer that is an error came from a cluster that can still tell what happened.
+            self._asked, self._n_missed, self._next = None, 0, now + self._interval_s
+        elif now - since > self._timeout_s:
+            self._asked, self._next = None, now
+            self._n_missed += 1
+            if self._n_missed == 2:
+                raise ExecutorLost(
+                    f"ray cluster: expected an answer in {self._timeout_s:g} s, got none twice; "
+                    "start the dispatcher again"
+                )
