@@ -177,6 +177,17 @@ def test_totals_of_version_3_are_those_of_the_rows(tmp_path):
         assert search["n_planned"] == sum(row["search_id"] == search["id"] for row in found["job"])
 
 
+@pytest.mark.parametrize("version", VERSIONS)
+def test_the_searches_of_an_upgraded_archive_have_the_priority_that_their_jobs_have(tmp_path, version):
+    path = stored(version, tmp_path)
+    upgrade(path)
+    found = table_contents(path)
+    priorities = {search["strategy"]: search["priority"] for search in found["search"]}
+    assert priorities.items() <= {"S(0)": 0, "S(1|0)": -1, "S(2|1)": -2}.items()
+    wanted = {search["id"]: search["priority"] for search in found["search"]}
+    assert all(wanted[job["search_id"]] == job["priority"] for job in found["job"])
+
+
 def test_running_jobs_of_an_older_version_have_a_lease_that_has_run_out(tmp_path):
     path = stored(2, tmp_path)
     upgrade(path)

@@ -1,5 +1,6 @@
 """Schema version 3: leases, weights and totals, guarded changes of state, workers, tokens and the audit."""
 
+import re
 from typing import Any
 
 import sqlalchemy as sa
@@ -14,6 +15,7 @@ WHOLE = sa.BigInteger().with_variant(sa.Integer(), "sqlite")
 NUMBER: Any = sa.Double().with_variant(sa.REAL(), "sqlite")
 FLAG = sa.Boolean().with_variant(sa.Integer(), "sqlite")
 STRICT = {"sqlite_strict": True}
+_OF_SEEDS = re.compile(r"S\((\d+)\|.*\)")
 
 
 def upgrade() -> None:
@@ -68,6 +70,18 @@ def _searches() -> None:
         "n_planned = (SELECT count(*) FROM job WHERE search_id = search.id), "
         "n_solves = (SELECT count(*) FROM solve WHERE search_id = search.id)"
     )
+    _put_seed_chains_first()
+
+
+def _put_seed_chains_first() -> None:
+    """Give S(k|k') the priority -k, which its jobs have had and new campaigns get."""
+    connection = op.get_bind()
+    for strategy in connection.scalars(sa.text("SELECT DISTINCT strategy FROM search")).all():
+        if found := _OF_SEEDS.fullmatch(strategy):
+            wanted = {"priority": -int(found[1]), "strategy": strategy}
+            connection.execute(
+                sa.text("UPDATE search SET priority = :priority WHERE strategy = :strategy"), wanted
+            )
 
 
 def _jobs() -> None:
