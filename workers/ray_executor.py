@@ -21,7 +21,7 @@ from typing import Any
 
 import psutil
 
-from workers.executor import CANCEL_GRACE_S, ExecutorError, Finished, Ticket
+from workers.executor import CANCEL_GRACE_S, ExecutorError, ExecutorLost, Finished, Ticket
 from workers.job import Claim, Ending, Job, JobOutcome
 from workers.ray_task import ForeignWorker, difference, execute, probe, unpacked, versions
 from workers.ray_token import checked, own_token, require_token
@@ -161,7 +161,10 @@ class RayCluster:
         try:
             found = self.ray.get(reference, timeout=PROBE_S)
         except self.ray.exceptions.RayError as error:
-            raise ExecutorError(f"ray node {node}: expected its versions, got {error}; {remedy}") from error
+            # A node of ours has our release: whatever it cannot even run a task for, a new one will.
+            has_died = self.is_own and not isinstance(error, self.ray.exceptions.RayTaskError)
+            kind = ExecutorLost if has_died else ExecutorError
+            raise kind(f"ray node {node}: expected its versions, got {error}; {remedy}") from error
         if tuple(found) != tuple(versions()):
             raise ExecutorError(f"ray node {node}: {difference(versions(), found)}; {remedy}")
 
@@ -313,6 +316,11 @@ class RayExecutor:
             raise ExecutorError(f"{cause}; install the same release on every node") from error
         except self._ray.exceptions.TaskCancelledError:
             return JobOutcome(ending=Ending.CANCELLED)
+        except self._ray.exceptions.LocalRayletDiedError as error:
+            # Every task ends so from now on: jobs would crash at once, again and again, and be given up.
+            raise ExecutorLost(
+                f"ray cluster: expected a raylet, got {error}; start the dispatcher again"
+            ) from error
         except self._ray.exceptions.RayError as error:
             if attempt.is_killed:
                 return JobOutcome(ending=Ending.CANCELLED)

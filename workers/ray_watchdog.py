@@ -20,7 +20,7 @@ class Watchdog:
         self._n_missed = 0
 
     def look(self) -> None:
-        """Ask, or look for the answer; raise ExecutorLost when two in a row did not come."""
+        """Ask, or look for the answer; raise ExecutorLost when there were two in a row without one."""
         now = time.monotonic()
         if self._asked is None:
             if now >= self._next:
@@ -28,13 +28,25 @@ class Watchdog:
             return
         reference, since = self._asked
         if self._ray.wait([reference], timeout=0)[0]:
-            # An answer that is an error came from a cluster that can still tell what happened.
-            self._asked, self._n_missed, self._next = None, 0, now + self._interval_s
+            self._asked, self._next = None, now + self._interval_s
+            self._count(self._is_answer(reference))
         elif now - since > self._timeout_s:
             self._asked, self._next = None, now
-            self._n_missed += 1
-            if self._n_missed == 2:
-                raise ExecutorLost(
-                    f"ray cluster: expected an answer in {self._timeout_s:g} s, got none twice; "
-                    "start the dispatcher again"
-                )
+            self._count(False)
+
+    def _is_answer(self, reference: Any) -> bool:
+        try:
+            self._ray.get(reference, timeout=self._timeout_s)
+        except self._ray.exceptions.RayError:
+            # Its process may have been killed, as that of any job; once the raylet is dead, and the cluster
+            # has noticed, every answer is an error.
+            return False
+        return True
+
+    def _count(self, is_answer: bool) -> None:
+        self._n_missed = 0 if is_answer else self._n_missed + 1
+        if self._n_missed == 2:
+            raise ExecutorLost(
+                f"ray cluster: expected an answer in {self._timeout_s:g} s, got none or an error, twice; "
+                "start the dispatcher again"
+            )
