@@ -34,6 +34,8 @@ UNROUTED = {
     405: "method: expected one that {path} has, got {method}",
 }
 
+NO_JSON = "body: expected JSON in UTF-8, got"
+
 
 def problem_response(
     status: int, detail: str, headers: Mapping[str, str] | None = None, code: str | None = None
@@ -76,6 +78,9 @@ def add_error_handlers(app: FastAPI) -> None:
 
     @app.exception_handler(HTTPException)
     def http(request: Request, error: HTTPException) -> JSONResponse:
+        if error.status_code == 400:
+            # The framework's word for bytes that are no text, and for lists a thousand deep.
+            return problem_response(422, f"{NO_JSON} what cannot be read")
         detail = str(error.detail)
         if detail == HTTPStatus(error.status_code).phrase:
             # What the framework refuses by itself says no more than the status.
@@ -85,6 +90,10 @@ def add_error_handlers(app: FastAPI) -> None:
 
     @app.exception_handler(RequestValidationError)
     def request(_: Request, error: RequestValidationError) -> JSONResponse:
+        for fault in error.errors():
+            if fault["type"] == "json_invalid":
+                reason, place = fault["ctx"]["error"], fault["loc"][-1]
+                return problem_response(422, f"{NO_JSON} {reason} at character {place}")
         return problem_response(422, "\n".join(fault_lines("request", error.errors())))
 
     @app.exception_handler(SpecError)

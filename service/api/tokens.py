@@ -6,6 +6,7 @@ from fastapi import APIRouter, Path, Query
 
 from service.api.context import Limit, StoreHere
 from service.api.identity_schemas import AuditPage, NewToken, TokenPage, TokenRequest, TokenView
+from service.api.jobs import CONFLICT
 
 router = APIRouter(tags=["tokens"])
 
@@ -19,7 +20,7 @@ def list_tokens(store: StoreHere) -> TokenPage:
     return TokenPage(items=store.identities.tokens())
 
 
-@router.post("/tokens", status_code=201)
+@router.post("/tokens", status_code=201, responses=CONFLICT)
 def create_token(wanted: TokenRequest, store: StoreHere) -> NewToken:
     """Make a token; this answer is the only one that shows it."""
     return store.identities.create(wanted.name, wanted.role, wanted.days)
