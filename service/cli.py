@@ -105,7 +105,7 @@ def run(
 ) -> None:
     """Run a campaign on this machine to its end; the same command goes on after an interruption."""
     specification = load_spec(spec)
-    require_flyable(specification)
+    require_flyable(specification.problem)
     with Coordinator(data, host, port) as coordinator:
         campaign_id, is_new = coordinator.store.submit(specification)
         if n_revived := coordinator.store.revive(campaign_id):

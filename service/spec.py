@@ -144,7 +144,7 @@ def spec_from(fields: Any, *, allow_files: bool = False) -> Spec:
     if not isinstance(fields, Mapping):
         raise SpecError(f"spec: expected tables campaign, problem and search, got {type(fields).__name__}")
     if not allow_files:
-        _refuse_files(fields.get("problem"))
+        _refuse_files("spec.problem", fields.get("problem"))
     try:
         return Spec.model_validate(fields)
     except ValidationError as error:
@@ -161,9 +161,16 @@ def load_spec(path: Path) -> Spec:
     return spec_from(fields, allow_files=True)
 
 
-def _refuse_files(problem: Any) -> None:
+def problem_without_files(fields: Any) -> Problem:
+    """Return the problem that plain data from the network describes, with its outages."""
+    _refuse_files("problem", fields)
+    try:
+        return problem_from(fields)
+    except ProblemError as error:
+        raise SpecError(str(error)) from error
+
+
+def _refuse_files(name: str, problem: Any) -> None:
     target = problem.get("target") if isinstance(problem, Mapping) else None
     if isinstance(target, Mapping) and (target.get("kind") == "spk" or "path" in target):
-        raise SpecError(
-            "spec.problem.target: expected a target without a file over the network, got kind spk"
-        )
+        raise SpecError(f"{name}.target: expected a target without a file over the network, got kind spk")

@@ -59,7 +59,7 @@ def submit_campaign(
     With an `Idempotency-Key` another specification under the same key is refused (409, `key_reused`).
     """
     specification = spec_from(spec)
-    require_flyable(specification)
+    require_flyable(specification.problem)
     campaign_id, is_new = store.submit(specification, idempotency_key)
     response.status_code = 201 if is_new else 200
     response.headers["location"] = f"/api/v1/campaigns/{campaign_id}"

@@ -9,6 +9,7 @@ import numpy as np
 from sqlalchemy.orm import Session
 
 from core.analysis.facts import CampaignFacts
+from core.problem import Problem
 from service.api import schemas
 from service.db.engine import Database
 from service.db.place import place_of
@@ -76,6 +77,10 @@ class Store:
     def submit(self, spec: Spec, key: str | None = None) -> tuple[int, bool]:
         """Return the campaign of a specification, and whether it is new; a key makes a repetition known."""
         return self._database.write(lambda session: submission.submit(session, spec, self._clock(), key))
+
+    def add_problem(self, problem: Problem) -> bool:
+        """Store a problem, so that its hash stands for it; return whether it is new."""
+        return self._database.write(lambda session: submission.add_problem(session, problem))
 
     def register(self, worker: WorkerInfo) -> None:
         """Store what a worker says about itself; one that would compute something else is refused."""

@@ -142,15 +142,20 @@ def _source_id(session: Session, spec: Spec, search: SearchSpec, ids: dict[str, 
     return row.id
 
 
+def add_problem(session: Session, problem: Problem) -> bool:
+    """Store a problem; return whether it is new."""
+    fields = {
+        "hash": problem.hash,
+        "definition": problem.model_dump(mode="json"),
+        "k": problem.k,
+        "n_segments": problem.n_segments,
+    }
+    return insert_new(session, ProblemRow, fields)
+
+
 def _add_cases(session: Session, row: SearchRow, problems: Sequence[Problem]) -> None:
     for position, problem in enumerate(problems):
-        fields = {
-            "hash": problem.hash,
-            "definition": problem.model_dump(mode="json"),
-            "k": problem.k,
-            "n_segments": problem.n_segments,
-        }
-        insert_new(session, ProblemRow, fields)
+        add_problem(session, problem)
         session.add(CaseRow(search_id=row.id, position=position, problem_hash=problem.hash))
     session.flush()
 

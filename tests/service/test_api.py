@@ -2,7 +2,7 @@ import json
 
 import pytest
 
-from tests.service.campaigns import SPIRAL, finish, spec_fields, submitted
+from tests.service.campaigns import OUTAGE, SPIRAL, finish, spec_fields, submitted
 
 API = "/api/v1"
 
@@ -87,6 +87,38 @@ def test_a_lineage_leads_to_the_seed(client, finished):
     assert body["edges"] == [
         {"seed_id": child["seed_id"], "solution_id": child["id"], "mapping": "reference"}
     ]
+
+
+def test_a_problem_is_checked_and_stored_under_its_hash_once(client, store):
+    fields = {"preset": "ppe-drm3", "outages": [OUTAGE]}
+    answer = client.post(f"{API}/problems", json=fields)
+    view = answer.json()
+    assert answer.status_code == 201 and answer.headers["location"] == f"{API}/problems/{view['hash']}"
+    assert (view["k"], view["outages"]) == (1, [OUTAGE]) and view == store.problem(view["hash"]).model_dump()
+    assert client.post(f"{API}/problems", json=fields).status_code == 200
+    assert [item.hash for item in store.problems().items] == [view["hash"]]
+    assert client.get(f"{API}/seeds", params={"problem": view["hash"]}).json()["items"] == []
+
+
+@pytest.mark.parametrize(
+    ("fields", "detail"),
+    [
+        ({}, "problem.spacecraft: expected a value"),
+        ({"preset": "none"}, "problem.preset: expected one of"),
+        (
+            {"preset": "ppe-drm3", "target": {"kind": "spk", "path": "/etc/passwd"}},
+            "problem.target: expected a target without a file",
+        ),
+        (
+            {"preset": "ppe-drm3", "spacecraft": {"dry_mass_kg": 14999.0}, "departure": SPIRAL},
+            "problem: spiral: expected 9.0 days",
+        ),
+    ],
+)
+def test_a_problem_that_cannot_be_is_refused_and_not_stored(client, store, fields, detail):
+    answer = client.post(f"{API}/problems", json=fields)
+    assert answer.status_code == 422 and answer.json()["detail"].startswith(detail)
+    assert store.problems().items == []
 
 
 def test_problems_and_jobs_are_listed(client, finished):
