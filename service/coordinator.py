@@ -78,7 +78,10 @@ class WebServer:
         self.url = f"http://{shown}:{listener.getsockname()[1]}"
         self._closing = threading.Event()
         app = create_app(store, self._closing.is_set, access)
-        config = uvicorn.Config(app, log_level="warning", access_log=False, timeout_graceful_shutdown=2)
+        # Which proxy is believed is decided by `service.security`, which has to see who really sends.
+        config = uvicorn.Config(
+            app, log_level="warning", access_log=False, proxy_headers=False, timeout_graceful_shutdown=2
+        )
         self._server = uvicorn.Server(config)
         self._thread = threading.Thread(target=self._server.run, args=([listener],), name="web", daemon=True)
 

@@ -1,8 +1,11 @@
+import httpx
 import pytest
 from fastapi.testclient import TestClient
 
 from service.app import create_app
+from service.coordinator import WebServer, open_port
 from service.limits import MAX_CLIENTS, Buckets, Streams
+from service.rights import Role
 from service.security import Access, BindError, access_on
 from service.settings import Settings
 from tests.service.campaigns import spec_fields
@@ -78,6 +81,21 @@ def test_a_form_of_another_site_is_refused_and_ours_is_not(client):
         assert foreign.status_code == 403 and "Origin" in foreign.json()["detail"]
     own = client.post(url, json=fields, headers={"origin": URL})
     assert own.status_code == 201
+
+
+def test_a_proxy_on_this_machine_is_believed_and_nobody_else(store):
+    """Over a real connection, since a web server may have ideas of its own about these headers."""
+    store.identities.create("ada", Role.ADMIN, 1.0)
+    headers = {"x-forwarded-for": "1.2.3.4", "x-forwarded-proto": "https"}
+    for settings, status in ((Settings(proxies=("127.0.0.1",)), 401), (Settings(auth="required"), 403)):
+        access = access_on("127.0.0.1", settings, lambda: True)
+        server = WebServer(store, open_port("127.0.0.1", 0), "127.0.0.1", access)
+        server.start()
+        try:
+            assert httpx.post(f"{server.url}{CAMPAIGNS}", json={}, headers=headers).status_code == status
+        finally:
+            server.stop()
+    assert [row.address for row in store.identities.audit(9).items] == ["127.0.0.1", "1.2.3.4"]
 
 
 @pytest.mark.parametrize("name", ["x-forwarded-for", "Forwarded", "x-real-ip", "x-forwarded-proto"])
