@@ -6,30 +6,23 @@ that guard the page are those of every answer, `service.security`.
 
 from fastapi import APIRouter, HTTPException, Request, Response
 from fastapi.responses import HTMLResponse
-from jinja2 import Environment, PackageLoader, select_autoescape
 
+from service.api.context import IdentityHere
 from service.dashboard import assets
+from service.dashboard.render import page
 
 #: The name of an asset changes with its content, so a browser never has to ask again.
 ASSET_HEADERS = {"Cache-Control": "public, max-age=31536000, immutable", "Vary": "Accept-Encoding"}
 
 router = APIRouter(include_in_schema=False)
 
-_templates = Environment(
-    loader=PackageLoader("service.dashboard"),
-    autoescape=select_autoescape(),
-    trim_blocks=True,
-    lstrip_blocks=True,
-)
-
 
 @router.get("/", response_class=HTMLResponse)
-def live_page() -> HTMLResponse:
+def live_page(identity: IdentityHere) -> HTMLResponse:
     """Return the live page; which campaign and solution it shows is in its address."""
-    page = _templates.get_template("live.html").render(
-        static=f"/static/{assets.static_digest()}", plotly=f"/static/{assets.plotly_name()}"
-    )
-    return HTMLResponse(page, headers={"Cache-Control": "no-cache"})
+    # Nobody can sign out of an open service, nor of a token.
+    html = page("live.html", signed_in_as=identity.name if identity.is_cookie else None)
+    return HTMLResponse(html, headers={"Cache-Control": "no-cache"})
 
 
 @router.get("/static/{path:path}")

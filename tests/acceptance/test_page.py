@@ -13,7 +13,8 @@ import pytest
 from playwright import sync_api
 
 from service.coordinator import WebServer, open_port
-from service.security import access_on
+from service.rights import Role
+from service.security import Access, access_on
 from service.settings import Settings
 from service.store import Store
 from tests.acceptance import known
@@ -47,9 +48,9 @@ def browser():
 
 
 @contextmanager
-def served(folder, port=0):
+def served(folder, port=0, access=None):
     store = Store(folder)
-    access = access_on("127.0.0.1", Settings(), store.identities.has_token)
+    access = access or access_on("127.0.0.1", Settings(), store.identities.has_token)
     server = WebServer(store, open_port("127.0.0.1", port), "127.0.0.1", access)
     server.start()
     try:
@@ -240,6 +241,27 @@ def test_without_a_campaign_the_page_says_how_to_start_one(visit, tmp_path):
         page.wait_for_selector("#welcome:not([hidden])")
         assert "coastarc run examples/quick.toml" in page.inner_text("#welcome")
         page.close()
+
+
+def test_a_session_that_ends_leads_to_signing_in_and_back_and_one_can_sign_out(visit, tmp_path):
+    with served(tmp_path, access=Access(is_open=False)) as (store, url):
+        known.submitted(store)
+        tokens = [store.identities.create(name, Role.VIEWER, 1.0).token for name in ("first", "second")]
+        page = visit(f"{url}/?campaign=1", drawn=False)
+        for token in tokens:
+            page.wait_for_url("**/sign-in?next=%2F%3Fcampaign%3D1", timeout=PATIENCE)
+            page.fill("#token", token)
+            page.click("button[type=submit]")
+            page.wait_for_selector("#connection[data-connection=live]", timeout=PATIENCE)
+            assert page.url == f"{url}/?campaign=1"
+            if token == tokens[0]:
+                store.identities.revoke("first")
+                store.control_campaign(1, "pause")  # an event, after which the page reads anew
+        page.click("#sign-out")
+        page.wait_for_url("**/sign-in", timeout=PATIENCE)
+        page.close()
+    assert all("status of 401" in text for text in visit.complaints)
+    visit.complaints.clear()
 
 
 def test_markup_in_a_name_is_shown_as_text(archive, visit):

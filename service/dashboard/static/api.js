@@ -59,11 +59,30 @@ async function get(path) {
   } catch {
     throw new ApiError(0, "The coordinator does not answer.");
   }
+  if (response.status === 401) return signIn();
   if (!response.ok) {
     const body = await response.json().catch(() => ({}));
     throw new ApiError(response.status, body.detail ?? response.statusText);
   }
   return response.json();
+}
+
+/**
+ * Leave for the page that asks for a token, which leads back here; nothing is answered meanwhile.
+ * @returns {Promise<never>}
+ */
+function signIn() {
+  const here = window.location.pathname + window.location.search;
+  window.location.assign(`/sign-in?next=${encodeURIComponent(here)}`);
+  return new Promise(() => {});
+}
+
+/**
+ * Ask who one is: an event stream that is refused does not say why.
+ * @returns {Promise<{ name: string, role: string }>}
+ */
+export function session() {
+  return get("/session");
 }
 
 /** @returns {Promise<CampaignItem[]>} */

@@ -98,6 +98,7 @@ class LivePage {
   /** @param {import("./live.js").Connection} connection */
   onConnection(connection) {
     if (connection === "live") this.lastHeard = new Date();
+    else api.session().catch(() => {});
     showConnection(connection, this.lastHeard);
   }
 
