@@ -1,4 +1,4 @@
-"""Takes back, again and again, the jobs whose workers have fallen silent."""
+"""Takes back, again and again, the jobs whose workers have fallen silent; and forgets what is old."""
 
 import logging
 import threading
@@ -39,6 +39,7 @@ class Reaper:
         self._next = self._clock() + self._store.leases.reap_s
         try:
             n_lost = self._store.reap()
+            self._store.prune()
         except (SQLAlchemyError, DatabaseError):
             # A full disk may have room again by the next time; leases wait in the database.
             log.exception("reaping failed")

@@ -25,6 +25,7 @@ from service.store import (
     find,
     leases,
     progress,
+    pruning,
     records,
     seeds,
     submission,
@@ -115,6 +116,10 @@ class Store:
     def reap(self) -> int:
         """Take back the jobs whose leases ran out; return how many."""
         return self._database.write(lambda session: leases.reap(session, self._clock()))
+
+    def prune(self) -> int:
+        """Forget the oldest of the audit and of the events, some at a time; return how many rows."""
+        return self._database.write(lambda session: pruning.prune(session, self._clock()))
 
     def recover(self, workers: str = "") -> int:
         """Put back the jobs of workers that are gone, by the beginning of their names; return how many."""
