@@ -83,6 +83,7 @@ for command in (
     cli_control.pause,
     cli_control.resume,
     cli_control.cancel,
+    cli_control.share,
     cli_control.seeds,
 ):
     app.command()(command)

@@ -128,6 +128,35 @@ def _control(verb: Verb, campaign: str, search: str | None, url: str, as_json: b
     console.print(f"{thing} is {state}{running}.", highlight=False, markup=False)
 
 
+def share(
+    campaign: Campaign,
+    search: Search = None,
+    weight: Annotated[
+        float | None, typer.Option(min=1e-3, max=1e6, help="Of a search beside others of equal priority.")
+    ] = None,
+    priority: Annotated[int | None, typer.Option(help="Lower goes first.")] = None,
+    url: Url = DEFAULT_URL,
+    as_json: Json = False,
+) -> None:
+    """Change when a campaign or one search of it gets workers, and how large a part of them."""
+    if weight is priority is None:
+        raise ClientError("share: expected --weight, --priority or both, got neither")
+    if weight is not None and search is None:
+        raise ClientError(
+            "share: expected --search beside --weight, got none; a campaign has none"
+        )
+    with client_of(url) as client:
+        campaign_id = client.find_campaign(campaign)
+        if search is not None and weight is not None:
+            client.weigh_search(campaign_id, search, weight)
+        if priority is not None and search is not None:
+            client.order_search(campaign_id, search, priority)
+        elif priority is not None:
+            client.order_campaign(campaign_id, priority)
+        view = client.campaign(campaign_id)
+    print_json(view) if as_json else console.print(terminal.shares(view))
+
+
 def status(
     data: Data = DATA,
     url: MaybeUrl = None,

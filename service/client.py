@@ -62,6 +62,9 @@ ROUTES = {
         f"{verb}_search": Route("POST", f"{_SEARCH}/{verb}", schemas.CampaignView)
         for verb in ("pause", "resume", "cancel")
     },
+    "order_campaign": Route("POST", f"{_ONE}/priority", schemas.CampaignView),
+    "order_search": Route("POST", f"{_SEARCH}/priority", schemas.CampaignView),
+    "weigh_search": Route("POST", f"{_SEARCH}/weight", schemas.CampaignView),
     "solutions": Route(
         "GET", "/solutions", schemas.RecordPage, ("campaign", "search", "strict", "limit", "after")
     ),
@@ -113,6 +116,21 @@ class Client:
     def control_search(self, campaign_id: int, search: str, verb: Verb) -> schemas.CampaignView:
         """Pause, resume or cancel a search."""
         return self._ask(f"{verb}_search", schemas.CampaignView, campaign_id=campaign_id, name=search)
+
+    def order_campaign(self, campaign_id: int, priority: int) -> schemas.CampaignView:
+        """Change when a campaign gets workers; lower goes first."""
+        body = schemas.PriorityWanted(priority=priority)
+        return self._ask("order_campaign", schemas.CampaignView, body, campaign_id=campaign_id)
+
+    def order_search(self, campaign_id: int, search: str, priority: int) -> schemas.CampaignView:
+        """Change when a search gets workers; lower goes first."""
+        body = schemas.PriorityWanted(priority=priority)
+        return self._ask("order_search", schemas.CampaignView, body, campaign_id=campaign_id, name=search)
+
+    def weigh_search(self, campaign_id: int, search: str, weight: float) -> schemas.CampaignView:
+        """Change how large a part of the workers a search gets, beside those of equal priority."""
+        body = schemas.WeightWanted(weight=weight)
+        return self._ask("weigh_search", schemas.CampaignView, body, campaign_id=campaign_id, name=search)
 
     def cancel_job(self, job_id: int) -> schemas.JobView:
         """Take a job out of the queue, or have it stopped."""
@@ -206,11 +224,11 @@ class Client:
         except ValidationError as error:
             raise ClientError(f"events: expected those of this version, got {error}") from error
 
-    def _ask(self, asked: str, answer: type[A], /, **wanted: Any) -> A:
+    def _ask(self, asked: str, answer: type[A], body: BaseModel | None = None, /, **wanted: Any) -> A:
         route = ROUTES[asked]
         query = {key: wanted[key] for key in route.query if wanted.get(key) is not None}
         path = route.path.format(**{key: quote(str(value), safe="") for key, value in wanted.items()})
-        return _named(lambda: self._api.ask(route.verb, path, answer, params=query, timeout=TIMEOUT_S))
+        return _named(lambda: self._api.ask(route.verb, path, answer, body, params=query, timeout=TIMEOUT_S))
 
 
 def _choice(wanted: SeedsWanted) -> dict[str, Any]:

@@ -45,6 +45,10 @@ NAME_SHAPE = "1 to 80 letters, digits, spaces or . _ -, a letter or digit first"
 Name = Annotated[str, shaped(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,79}", NAME_SHAPE)]
 Positive = Annotated[float, Field(gt=0, le=1e12)]
 Count = Annotated[StrictInt, Field(ge=1, le=10_000_000)]
+#: What says when work is done, and not what it finds.
+SHARING = ("weight", "priority")
+Weight = Annotated[float, Field(ge=1e-3, le=1e6)]
+Priority = Annotated[StrictInt, Field(ge=-1_000_000, le=1_000_000)]
 Segments = Annotated[tuple[Annotated[StrictInt, Field(ge=1)], ...], Field(max_length=2000)]
 
 
@@ -128,6 +132,10 @@ class SearchSpec(Strict):
     cpu_seconds: Annotated[float, Field(gt=0, le=86400)] = Settings().cpu_seconds
     max_iterations: Annotated[StrictInt, Field(ge=1, le=1_000_000)] | None = None
     n_legs: Annotated[StrictInt, Field(ge=1, le=200)] = Settings().n_legs
+    #: Part of the workers, beside searches of equal priority.
+    weight: Weight = 1.0
+    #: Lower goes first; None: the end of a seed chain first.
+    priority: Priority | None = None
 
     @property
     def k(self) -> int:

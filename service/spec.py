@@ -14,7 +14,7 @@ from pydantic import BeforeValidator, Field, StrictInt, ValidationError, model_v
 from core.problem import Problem, ProblemError, content_hash, problem_from, validation_message
 from core.search import expand_mapping
 from service.scheduler.pairing import first_pair, require_seedable
-from service.search_spec import Name, SearchSpec, Strict
+from service.search_spec import SHARING, Name, Priority, SearchSpec, Strict
 
 
 class SpecError(ValueError):
@@ -22,10 +22,12 @@ class SpecError(ValueError):
 
 
 class CampaignSpec(Strict):
-    """Name of a campaign and the integer that fixes all its randomness."""
+    """Name of a campaign, the integer that fixes all its randomness, and whether it goes first."""
 
     name: Name
     rng_seed: Annotated[StrictInt, Field(ge=0, lt=2**63)]
+    #: Lower goes first.
+    priority: Priority = 0
 
 
 def _problem(fields: Any) -> Any:
@@ -131,8 +133,10 @@ class Spec(Strict):
 
     @property
     def hash(self) -> str:
-        """Identity of the specification: the same one is the same campaign."""
-        whole = self.model_dump(mode="json", by_alias=True, exclude={"problem"})
+        """Identity of the specification: what finds the same is the same campaign."""
+        searches = {"__all__": set(SHARING)}
+        left_out: Any = {"problem": True, "campaign": {"priority"}, "search": searches}
+        whole = self.model_dump(mode="json", by_alias=True, exclude=left_out)
         return content_hash({"problem": self.problem.hash} | whole)
 
 

@@ -116,6 +116,15 @@ def worker_list(workers: Sequence[WorkerView]) -> Table:
     return rows
 
 
+def shares(campaign: CampaignView) -> Table:
+    """Return in which order and by which weights the searches of a campaign share the workers."""
+    rows = table("search", "strategy", "state", "priority", "weight", title=f"priority {campaign.priority}")
+    for search in campaign.searches:
+        share = (str(search.priority), f"{search.weight:g}")
+        rows.add_row(search.name, search.strategy, search.state, *share)
+    return rows
+
+
 def dead_jobs(jobs: Sequence[JobView]) -> Table:
     """Return jobs that were given up, with the first line of the reason."""
     rows = table("dead job", "campaign", "attempts", "ending", "reason")

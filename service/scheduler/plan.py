@@ -139,6 +139,8 @@ def jobs_of_seeds(spec: Spec, search: SearchSpec, candidates: Iterable[Candidate
 
 def priority(search: SearchSpec) -> int:
     """Return the queue's order: the end of a seed chain first, so that each seed runs all the way down."""
+    if search.priority is not None:
+        return search.priority
     return -search.k if search.seed_k is not None else 0
 
 

@@ -72,6 +72,7 @@ def _begin(session: Session, spec: Spec, now: float) -> int:
         spec=spec.as_fields(),
         rng_seed=spec.campaign.rng_seed,
         state="active",
+        priority=spec.campaign.priority,
         created_at=now,
     )
     session.add(campaign)
@@ -94,6 +95,7 @@ def _add_searches(session: Session, campaign: CampaignRow, spec: Spec) -> None:
             source_id=_source_id(session, spec, search, ids),
             state="waiting",
             priority=plan.priority(search),
+            weight=search.weight,
         )
         session.add(row)
         session.flush()

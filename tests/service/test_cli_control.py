@@ -44,6 +44,18 @@ def test_a_campaign_is_paused_resumed_and_cancelled_by_name(coastarc, coordinato
     assert coordinator.store.campaign(campaign_id).state == "cancelled"
 
 
+def test_shares_of_the_workers_are_changed_and_shown(coastarc, coordinator):
+    submitted(coordinator.store)
+    shown = coastarc("share", "test", "--search", "s0", "--weight", 2.5, "--priority", 3)[1]
+    assert "2.5" in shown and "priority 0" in shown
+    coastarc("share", 1, "--priority", -7)
+    view = coordinator.store.campaign(1)
+    assert (view.priority, view.searches[0].weight, view.searches[0].priority) == (-7, 2.5, 3)
+    for wrong in ((), ("--weight", 2.0)):
+        code, _, printed = coastarc("share", 1, *wrong)
+        assert code == 2 and "share: expected" in printed
+
+
 def test_status_shows_workers_leases_rates_and_dead_jobs(coastarc, coordinator):
     store = coordinator.store
     submitted(store)

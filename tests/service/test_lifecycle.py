@@ -413,6 +413,15 @@ def test_the_search_and_the_campaign_with_the_lower_priority_go_first(store):
     assert {store.job(claim.job_id).campaign_id for claim in store.claim("a", 4)} == {2}
 
 
+def test_a_specification_says_how_its_searches_share(store):
+    fields = spec_fields(guesses=40, campaign={"name": "test", "rng_seed": 7, "priority": -2})
+    fields["search"] = [fields["search"][0] | {"id": name} for name in ("s0", "t0")]
+    fields["search"][1] |= {"weight": 3.0, "priority": 0}
+    submitted(store, fields)
+    assert store.campaign(1).priority == -2
+    assert served(store, 16) == {"s0": 4, "t0": 12}
+
+
 def test_several_jobs_at_once_are_shared_as_one_by_one(store):
     two_searches(store)
     store.set_search(1, "t0", weight=3.0)

@@ -169,6 +169,12 @@ def test_a_different_budget_is_a_different_campaign():
     assert spec_from(spec_fields(guesses=8)).hash != spec_from(spec_fields(guesses=9)).hash
 
 
+def test_when_work_is_done_does_not_make_another_campaign():
+    fields = spec_fields(campaign={"name": "test", "rng_seed": 7, "priority": 5})
+    fields["search"][0] |= {"weight": 2.0, "priority": -1}
+    assert spec_from(fields).hash == spec_from(spec_fields()).hash
+
+
 TOML = """
 [campaign]
 name = "test"
