@@ -70,7 +70,8 @@ def unrouted(method: str, path: str, verbs: Collection[str]) -> JSONResponse:
 
 def failed() -> JSONResponse:
     """Return the answer where we failed; what went wrong inside is for the log, not for the client."""
-    return problem_response(500, "the service failed; its log has the details")
+    # The web server closes the connection now, and who does not know sends the next request into its end.
+    return problem_response(500, "the service failed; its log has the details", {"Connection": "close"})
 
 
 def add_error_handlers(app: FastAPI) -> None:
