@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from service import cli_control, terminal
+from service import cli_control, logs, terminal
 from service.api.schemas import CampaignView, JobView
 from service.cli_bench import bench
 from service.cli_db import db
@@ -107,6 +107,8 @@ def run(
     """Run a campaign on this machine to its end; the same command goes on after an interruption."""
     specification = load_spec(spec)
     require_flyable(specification.problem)
+    # The terminal shows how far it is; a line beside that is for what goes wrong.
+    logs.configure(level="WARNING")
     with Coordinator(data, host, port) as coordinator:
         campaign_id, is_new = coordinator.store.submit(specification)
         if n_revived := coordinator.store.revive(campaign_id):
@@ -153,6 +155,7 @@ def serve(
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port.")] = DEFAULT_PORT,
 ) -> None:
     """Serve the page and the API, and work on every campaign that is submitted, until interrupted."""
+    logs.configure()
     with Coordinator(data, host, port) as coordinator:
         announce(console, coordinator)
         serve_until_interrupted(coordinator, crew_of(executor, workers))

@@ -23,6 +23,7 @@ from pydantic import Field, SecretStr
 
 from workers.child import runner_named
 from workers.client import Api, ApiError, HttpSource
+from workers import log_lines
 from workers.dispatcher import Dispatcher
 from workers.executor import Executor, ExecutorError, ExecutorLost
 from workers.inline import Inline
@@ -84,6 +85,7 @@ def dispatch(order: DispatchOrder, stop: threading.Event) -> None:
             executor.close()
 
 
+            log_lines.sign(worker=worker.name)
 def stop_on_signals(stop: threading.Event) -> None:
     """Let SIGINT and SIGTERM end the work in peace."""
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -127,7 +129,7 @@ def _listen(orders: FileIO, stop: threading.Event) -> None:
 
 def main() -> int:
     """Run as the child of a coordinator; return the exit code, its reason being the last line printed."""
-    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
+    log_lines.configure(level=logging.WARNING)
     stop = threading.Event()
     # Ctrl-C in the terminal is the coordinator's business, which then says so here.
     signal.signal(signal.SIGINT, signal.SIG_IGN)

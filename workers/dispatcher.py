@@ -179,7 +179,7 @@ class Dispatcher:
             self._replace(ticket, error)
         except StaleAttempt as error:
             # Somebody else has the job now; the fence has done its work.
-            log.info("%s", error)
+            log.info("%s", error, extra=_ids(ticket))
             self._settle(ticket)
         else:
             self._settle(ticket)
@@ -192,7 +192,8 @@ class Dispatcher:
 
     def _replace(self, ticket: Ticket, error: SourceError) -> None:
         """Report, in place of what is not taken, that it is not, so that somebody sees it."""
-        log.error("job %d: expected a report that is accepted, got %s", ticket.job_id, error)
+        text = "job %d: expected a report that is accepted, got %s"
+        log.error(text, ticket.job_id, error, extra=_ids(ticket))
         if self._unreported[ticket].ending is Ending.ERROR:
             # Not even this: the job comes back when its lease has run out.
             self._settle(ticket)
@@ -219,3 +220,7 @@ class Dispatcher:
         while self._unreported and time.monotonic() < deadline:
             self._report()
             time.sleep(0.0 if self._line.is_due() else PATIENCE_S)
+
+
+def _ids(ticket: Ticket) -> dict[str, int]:
+    return {"job": ticket.job_id, "attempt": ticket.attempt}

@@ -1,4 +1,5 @@
 import json
+import logging
 import re
 import signal
 import subprocess
@@ -20,6 +21,8 @@ from tests.service.campaigns import SPIRAL, content, finish, spec_fields, submit
 def coastarc(tmp_path, monkeypatch, capsys):
     """Return a function that runs a command in this process: (exit code, stdout, stderr)."""
     monkeypatch.setattr(cli_run, "RUNNER", "tests.workers.fake:run_fake")
+    # Handlers are the whole process's, and this one is pytest's.
+    monkeypatch.setattr(cli.logs, "configure", lambda **_: None)
     monkeypatch.setattr(cli.console, "_force_terminal", False)
     monkeypatch.setattr(cli.console, "_width", 200)
 
@@ -268,6 +271,14 @@ def test_serve_works_on_what_is_submitted_and_stops_with_a_reader_connected(tmp_
         process.send_signal(signal.SIGTERM)
         assert process.wait(timeout=10) == 0 and time.monotonic() - begin < 5
     process.stdout.close()
+
+
+def test_coordinators_write_their_logs_as_lines_of_json(coastarc, spec_file, monkeypatch):
+    levels = []
+    monkeypatch.setattr(cli.logs, "configure", lambda level=logging.INFO: levels.append(level))
+    monkeypatch.setattr(cli, "serve_until_interrupted", lambda *_: None)
+    assert coastarc("serve", "--port", 0)[0] == 0 and coastarc("run", spec_file)[0] == 0
+    assert levels == [logging.INFO, "WARNING"]
 
 
 def test_a_specification_that_is_submitted_as_plain_data_is_the_same_campaign():

@@ -1,12 +1,20 @@
 import io
 import json
 import logging
+import os
+import subprocess
+import sys
 import threading
 
 import pytest
 
 from service import logs
 from service.rights import Role
+from service.tokens import new_secret, taken_apart
+from workers import log_lines
+from workers.dispatch import DispatchOrder
+
+FAKE = "tests.workers.fake:run_fake"
 
 log = logging.getLogger("service.test")
 
@@ -29,6 +37,37 @@ def test_a_line_is_one_object_with_the_ids_of_what_it_is_about(lines):
     assert first["message"] == "attempt\nended" and first["level"] == "info"
     assert [first[name] for name in logs.IDS] == [1, 17, 2, "node7:1"]
     assert set(second) == {"time", "level", "logger", "message"} and second["time"].endswith("+00:00")
+
+
+def test_a_dispatcher_writes_such_lines_too_with_its_name_and_without_its_token():
+    token = new_secret().written()
+    order = DispatchOrder(
+        url="http://127.0.0.1:9", token=token, executor="inline", runner=FAKE, prefix="local:"
+    )
+    child = subprocess.Popen(
+        [sys.executable, "-P", "-m", "workers.dispatch"],
+        stdin=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=dict(os.environ) | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+    )
+    child.stdin.write(f"{order.written()}\n")
+    child.stdin.flush()
+    first = child.stderr.readline()
+    _, rest = child.communicate("stop\n", timeout=60)
+    line = json.loads(first)
+    assert line["worker"].startswith("local:") and "expected one at http://127.0.0.1:9" in line["message"]
+    assert child.returncode == 0 and taken_apart(token).secret not in first + rest
+    assert all(json.loads(line)["worker"] for line in rest.splitlines())
+
+
+def test_a_signature_is_on_every_line_of_a_process_whatever_its_thread(lines, monkeypatch):
+    monkeypatch.setattr(log_lines, "_signature", {})
+    log_lines.sign(worker="node7:1", job=None)
+    thread = threading.Thread(target=lambda: log.info("elsewhere"))
+    thread.start()
+    thread.join()
+    assert lines()[0]["worker"] == "node7:1" and "job" not in lines()[0]
 
 
 def test_ids_belong_to_their_own_thread(lines):
