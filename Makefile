@@ -3,13 +3,18 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test lint clean
+.PHONY: run test chaos lint clean
 
 run: $(VENV)/.installed
 	$(BIN)/coastarc run examples/quick.toml
 
 test: $(VENV)/.installed-test
 	$(BIN)/python -m pytest
+
+# Kill whatever can be killed, 200 times and more, and compare with runs that nobody disturbs: some twenty minutes.
+# What one run drew is drawn again by `make chaos CHAOS="--rng-seed N"`, one round of it with `--round NAME` too.
+chaos: $(VENV)/.installed-test
+	$(BIN)/python -m tests.chaos $(CHAOS)
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .

@@ -1,4 +1,4 @@
-"""Faults of the archive under those who work and those who submit: before a commit, after it, on a full disk."""
+"""Faults of the archive under workers and users: before a commit, after it, and on a full disk."""
 
 import resource
 import threading
