@@ -12,6 +12,8 @@ NDJSON = "application/x-ndjson"
 
 #: What has no place in a cell.
 _NESTED = {"defects_solved", "defects_verified", "package_versions", "kernel_hashes"}
+#: What a spreadsheet takes for the beginning of a formula.
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
 COLUMNS = tuple(name for name in Record.model_fields if name not in _NESTED)
 
 
@@ -30,11 +32,15 @@ def ndjson_lines(pages: Iterable[list[RecordWithVector]]) -> Iterator[str]:
 
 def _table(rows: Iterable[Iterable[Any]]) -> str:
     written = io.StringIO()
-    csv.writer(written, lineterminator="\n").writerows(rows)
+    # Lines end as RFC 4180 has it: with "\n" alone, a "\r" within a cell would be left unquoted.
+    csv.writer(written, lineterminator="\r\n").writerows(rows)
     return written.getvalue()
 
 
 def _cell(value: Any) -> Any:
     if isinstance(value, list):
         return " ".join(f"{outage.segment}:{outage.duration_days}" for outage in value)
+    if isinstance(value, str) and value.startswith(_FORMULA):
+        # Names are harmless; what a worker says about itself may be anything.
+        return f"'{value}"
     return value.isoformat() if hasattr(value, "isoformat") else value

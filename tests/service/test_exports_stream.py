@@ -8,6 +8,7 @@ import httpx
 import pytest
 
 from service.api import events
+from service.api.export import csv_lines
 from service.coordinator import Coordinator
 from service.store import Store
 from service.store.records import Filter
@@ -49,6 +50,14 @@ def test_csv_has_the_same_solutions_in_columns(client, finished):
         for row, record in zip(rows, records, strict=True)
     )
     assert {row["outages"] for row in rows} == {"", "24:1.0"}
+
+
+@pytest.mark.parametrize("sign", ["=", "+", "-", "@", "\t", "\r"])
+def test_no_cell_is_a_formula_to_a_spreadsheet(finished, sign):
+    record = next(finished.record_pages(Filter()))[0]
+    changed = record.model_copy(update={"host": f"{sign}HYPERLINK(1)", "objective_kg": -1.5})
+    _, line = csv.DictReader(io.StringIO("".join(csv_lines([[record, changed]])), newline=""))
+    assert line["host"] == f"'{sign}HYPERLINK(1)" and line["objective_kg"] == "-1.5"
 
 
 def test_filters_hold_for_downloads_as_for_pages(client, finished):
@@ -97,6 +106,28 @@ class Once:
 
 def data(answer):
     return [json.loads(line[6:]) for line in answer.text.splitlines() if line.startswith("data: ")]
+
+
+def test_streams_and_downloads_come_the_same_through_a_real_server(tmp_path):
+    with Store(tmp_path) as store:
+        submitted(store, spec_fields(guesses=30))
+        work_off(store)
+        expected = [event.id for event in store.events(7, 1, 100)]
+    with Coordinator(tmp_path) as coordinator, httpx.Client(base_url=coordinator.url + API) as web:
+        with web.stream("GET", "/campaigns/1/events", headers={"Last-Event-ID": "7"}) as answer:
+            ids = (int(line[4:]) for line in answer.iter_lines() if line.startswith("id: "))
+            assert [next(ids) for _ in expected] == expected
+        first = web.get("/solutions", params={"limit": 3}).json()
+        rest = web.get("/solutions", params={"limit": 200, "after": first["next"]}).json()
+        paged = [record["id"] for record in (*first["items"], *rest["items"])]
+        by_line = [record["id"] for record in lines(web.get("/solutions", params={"format": "ndjson"}))]
+        table = csv.DictReader(io.StringIO(web.get("/solutions", params={"format": "csv"}).text, newline=""))
+        assert len(set(paged)) == len(paged) and sorted(paged) == by_line == [row["id"] for row in table]
+        key = {"Idempotency-Key": "once"}
+        for guesses, status in ((30, 200), (30, 200), (31, 409)):
+            again = web.post("/campaigns", json=spec_fields(guesses=guesses), headers=key)
+            assert again.status_code == status
+        assert again.json()["code"] == "key_reused"
 
 
 def test_a_backlog_comes_without_a_pause_between_its_pages(client, finished, monkeypatch):
