@@ -14,7 +14,7 @@ from starlette.requests import cookie_parser
 from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.api.errors import failed, problem_response, too_many, unauthorized, unrouted
+from service.api.errors import failed, forbidden, problem_response, too_many, unauthorized, unrouted
 from service.limits import Buckets, Streams
 from service.request_body import BodyFault, read_body, replayed
 from service.rights import ANYONE, LOGGED_AS_ATTEMPTS, RIGHTS, STREAMS, Role, least
@@ -220,9 +220,7 @@ def _by_role(visit: Visit, roles: frozenset[Role], reason: str) -> Response | No
     if not roles:
         return problem_response(403, f"{visit.line}: expected a line in the table of rights, got none")
     if visit.identity.role not in roles:
-        return problem_response(
-            403, f"{visit.line}: expected role {least(roles)}, got {visit.identity.role.value}"
-        )
+        return forbidden(f"{visit.line}: expected role {least(roles)}, got {visit.identity.role.value}")
     if visit.is_unsafe and visit.identity.is_cookie and not is_own_origin(visit.headers):
         return problem_response(403, "Origin: expected that of this service with a cookie, got none")
     return None

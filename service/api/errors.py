@@ -34,6 +34,8 @@ UNROUTED = {
     405: "method: expected one that {path} has, got {method}",
 }
 
+#: What a refusal asks for (RFC 6750).
+CHALLENGE = 'Bearer realm="coastarc"'
 NO_JSON = "body: expected JSON in UTF-8, got"
 
 
@@ -52,7 +54,12 @@ def problem_response(
 
 def unauthorized(detail: str) -> JSONResponse:
     """Return the refusal of somebody whom we do not know."""
-    return problem_response(401, detail, {"WWW-Authenticate": 'Bearer realm="coastarc"'})
+    return problem_response(401, detail, {"WWW-Authenticate": CHALLENGE})
+
+
+def forbidden(detail: str) -> JSONResponse:
+    """Return the refusal of somebody whose role may not."""
+    return problem_response(403, detail, {"WWW-Authenticate": f'{CHALLENGE}, error="insufficient_scope"'})
 
 
 def too_many(detail: str, seconds: int) -> JSONResponse:

@@ -1,7 +1,9 @@
 """The client for people's programs, against the OpenAPI document and against a running coordinator."""
 
 import json
+import re
 
+import httpx
 import pytest
 
 from service.app import create_app
@@ -11,6 +13,16 @@ from service.store import Store
 from service.store.records import Filter
 from service.store.seeds import SeedsWanted
 from tests.service.campaigns import finish, spec_fields, submitted
+from tests.workers.jobs import worker_info
+from workers.client import Api, HttpSource
+from workers.job import (
+    ClaimAnswer,
+    ClaimRequest,
+    CompleteAnswer,
+    CompleteRequest,
+    HeartbeatAnswer,
+    HeartbeatRequest,
+)
 
 
 @pytest.fixture(scope="module")
@@ -23,6 +35,102 @@ def document(tmp_path_factory):
 def running(tmp_path):
     with Coordinator(tmp_path) as coordinator, Client(coordinator.url) as client:
         yield coordinator.store, client
+
+
+#: Every method, with all that it takes.
+CALLS = {
+    "submit": ({"campaign": {}}, "key-1"),
+    "control_campaign": (1, "pause"),
+    "control_search": (1, "s0", "resume"),
+    "order_campaign": (1, -1),
+    "order_search": (1, "s0", -1),
+    "weigh_search": (1, "s0", 2.0),
+    "cancel_job": (1,),
+    "requeue_job": (1,),
+    "campaigns": (),
+    "campaign": (1,),
+    "find_campaign": ("quick",),
+    "solutions": (1, "s0", True, 3, "a"),
+    "record": ("0" * 32,),
+    "seeds_of_search": (1, "s0", SeedsWanted("delta_v", 3, "paper", ("reference",))),
+    "seeds_of_problem": ("0" * 32, [(24, 1.0)], 1, SeedsWanted("delta_v", 3, "paper", ("reference",))),
+    "jobs": (1, "s0", "dead", 3, 5),
+    "job": (1,),
+    "workers": (),
+    "events": (5, 1, 3),
+    "follow": (1, 5),
+}
+#: What the query says of these calls.
+QUERIES = {
+    "solutions": {"campaign", "search", "strict", "limit", "after"},
+    "seeds_of_search": {"campaign", "search", "order", "limit", "tolerance", "mapping"},
+    "seeds_of_problem": {"problem", "outage", "k", "order", "limit", "tolerance", "mapping"},
+    "jobs": {"campaign", "search", "state", "limit", "after"},
+    "events": {"after", "campaign", "limit"},
+}
+
+
+class Asked(Exception):
+    """What a client sends; raised in place of an answer."""
+
+
+def refuse(request):
+    raise Asked(request)
+
+
+def operation_of(document, request):
+    """Return the operation that a request reaches."""
+    path = request.url.path
+    found = [
+        verbs[request.method.lower()]
+        for template, verbs in document["paths"].items()
+        if re.fullmatch(re.sub("{[^}]*}", "[^/]+", template), path) and request.method.lower() in verbs
+    ]
+    # /jobs/claim and the like are no ids.
+    assert found, f"{request.method} {path}"
+    return found[-1]
+
+
+def request_of(api, call):
+    api._http = httpx.Client(base_url=api._http.base_url, transport=httpx.MockTransport(refuse))
+    with pytest.raises(Asked) as asked:
+        call()
+    api._http.close()
+    return asked.value.args[0]
+
+
+def test_every_method_is_asked_here():
+    methods = {name for name in vars(Client) if not name.startswith("_")}
+    assert methods == set(CALLS)
+
+
+@pytest.mark.parametrize("method", CALLS)
+def test_a_method_asks_what_the_document_has(method, document):
+    with Client("http://node7:8741") as client:
+        answer = lambda: getattr(client, method)(*CALLS[method])  # noqa: E731
+        request = request_of(client._api, lambda: next(answer()) if method == "follow" else answer())
+    operation = operation_of(document, request)
+    known = {one["name"] for one in operation.get("parameters", ())}
+    assert set(request.url.params) == QUERIES.get(method, set()) <= known
+    headers = {"submit": "idempotency-key", "follow": "last-event-id"}
+    assert headers.get(method, "host") in request.headers and known >= {*filter(None, [headers.get(method)])}
+
+
+@pytest.mark.parametrize(
+    ("verb", "asks", "answers"),
+    [
+        ("claim", ClaimRequest(worker=worker_info(), n_jobs=1), ClaimAnswer),
+        ("heartbeat", HeartbeatRequest(worker=worker_info(), held=()), HeartbeatAnswer),
+        ("complete", CompleteRequest(job_id=1, attempt=1, outcome={"ending": "crash"}), CompleteAnswer),
+    ],
+)
+def test_a_dispatcher_asks_what_the_document_has(document, verb, asks, answers):
+    with Api("http://node7:8741") as api:
+        request = request_of(api, lambda: getattr(HttpSource(api), verb)(asks))
+    operation = operation_of(document, request)
+    assert operation == document["paths"][f"/api/v1/jobs/{verb}"]["post"]
+    (body,), answer = operation["requestBody"]["content"].values(), operation["responses"]["200"]
+    assert type(asks).__name__ in str(body["schema"]) and answers.__name__ in str(answer)
 
 
 @pytest.mark.parametrize("route", ROUTES.values(), ids=ROUTES)

@@ -82,6 +82,12 @@ def test_every_route_says_whom_it_is_for_and_nothing_else_does():
     assert set(LINES) == set(RIGHTS)
 
 
+def test_pages_metrics_and_streams_are_among_the_routes_that_ask_for_a_token():
+    assert {"GET /", "GET /metrics", f"GET {API}/campaigns/{{}}/events", f"HEAD {API}/openapi.json"} <= {
+        *GUARDED
+    }
+
+
 def test_only_signing_in_health_and_static_files_are_for_anyone():
     public = {line for line in LINES if RIGHTS[line] is ANYONE}
     assert {line.split(" ")[1].removeprefix(API) for line in public} == {
@@ -118,6 +124,8 @@ def test_a_route_answers_its_roles_and_names_the_one_it_needs_to_others(client, 
         assert answer.status_code not in (401, 403)
     else:
         assert answer.status_code == 403
+        assert answer.headers["content-type"] == "application/problem+json"
+        assert 'error="insufficient_scope"' in answer.headers["www-authenticate"]
         assert f"expected role {least(RIGHTS[line])}, got {role}" in answer.json()["detail"]
 
 
