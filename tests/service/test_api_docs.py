@@ -9,12 +9,18 @@ import typer.main
 from service.api.prometheus import _places, _work, _writes
 from service.app import create_app
 from service.cli import app as commands
+from service.limits import MAX_CLIENTS
+from service.request_body import PATIENCE_S
 from service.rights import RIGHTS, least, line_of
 from service.route_index import lines_of
+from service.security import MAX_BODY_BYTES, MAX_REPORT_BYTES, MAX_TARGET_BYTES, REPORT_PATH
+from service.settings import Settings
+from service.store import pruning
 from service.store.gauges import Reading
 
 DOCS = Path(__file__).parents[2] / "docs"
 API = (DOCS / "api.md").read_text(encoding="utf-8")
+SECURITY = (DOCS / "security.md").read_text(encoding="utf-8")
 DEPLOY = (DOCS / "deploy.md").read_text(encoding="utf-8")
 ROWS = re.findall(r"^\| (`(?:GET|HEAD|POST|PUT|PATCH|DELETE) [^|]*) \| (\w+) \|", API, re.MULTILINE)
 #: Role by route, as documented.
@@ -40,6 +46,22 @@ def command_names(command, name="coastarc"):
 @pytest.mark.parametrize("name", command_names(typer.main.get_command(commands)))
 def test_every_command_is_documented(name):
     assert re.search(rf"`{name}( [A-Z]+)*`", API), name
+
+
+def test_the_limits_in_the_documents_are_those_of_the_service():
+    allowed = Settings()
+    assert (
+        f"at most {MAX_BODY_BYTES // 2**10} kB" in SECURITY and f"{MAX_REPORT_BYTES // 2**20} MB" in SECURITY
+    )
+    assert f"at most {MAX_TARGET_BYTES // 2**10} kB" in SECURITY and f"within {PATIENCE_S:.0f} s" in SECURITY
+    assert REPORT_PATH in SECURITY and f"{MAX_CLIENTS:_}".replace("_", " ") in SECURITY
+    bucket = f"{allowed.request_burst} at once and then {allowed.requests_per_second:.0f} a second"
+    workers = f"{allowed.worker_request_burst}\nand {allowed.worker_requests_per_second:.0f}"
+    assert bucket in SECURITY and workers in SECURITY
+    assert f"{allowed.streams_per_client} event streams" in SECURITY
+    kept = f"{pruning.AUDIT_ROWS:_} rows of the last {pruning.AUDIT_S / pruning.DAY_S:.0f} days"
+    assert kept.replace("_", " ") in SECURITY
+    assert f"newest {pruning.EVENT_ROWS:_} events".replace("_", " ") in API
 
 
 def test_every_metric_is_documented():
