@@ -3,11 +3,11 @@ import re
 from importlib.resources import files
 
 import pytest
-from fastapi import FastAPI
 from fastapi.testclient import TestClient
 
-from service.api import pages
+from service.app import create_app
 from service.dashboard import assets
+from service.security import Access
 
 STATIC = files("service.dashboard") / "static"
 MODULES = sorted(entry.name for entry in STATIC.iterdir() if entry.name.endswith(".js"))
@@ -15,9 +15,9 @@ MODULES = sorted(entry.name for entry in STATIC.iterdir() if entry.name.endswith
 
 @pytest.fixture(scope="module")
 def client():
-    app = FastAPI()
-    app.include_router(pages.router)
-    with TestClient(app) as client:
+    # Nothing here asks for the archive.
+    app = create_app(None, access=Access())
+    with TestClient(app, base_url="http://127.0.0.1:8741") as client:
         yield client
 
 
