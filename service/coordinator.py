@@ -172,6 +172,8 @@ class Coordinator:
                 token=SecretStr(made.token),
                 executor=crew.executor,
                 n_workers=crew.n_workers,
+                # Beside the archive, where a service may write; a home need not be.
+                cluster_token=self._folder / "ray.token" if crew.executor is ExecutorKind.RAY else None,
                 campaign_id=campaign_id,
                 runner=crew.runner,
                 prefix=local_prefix(self._folder),

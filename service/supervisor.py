@@ -7,6 +7,7 @@ the coordinator is killed and nobody can tell it anything any more.
 
 import logging
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -41,7 +42,7 @@ class Supervisor:
     def pid(self) -> int | None:
         """The process id of the child, if one runs."""
         child = self._child
-        return child.pid if child is not None and child.poll() is None else None
+        return child.pid if child is not None and child.returncode is None else None
 
     @property
     def fault(self) -> str | None:
@@ -59,9 +60,8 @@ class Supervisor:
             child = self._child
         if child is not None:
             _tell(child, "stop\n")
-            try:
-                child.wait(LEAVE_S)
-            except subprocess.TimeoutExpired:
+            self._thread.join(LEAVE_S)
+            if self._thread.is_alive():
                 log.warning("dispatcher: expected to stop in %.0f s, got none; it is killed", LEAVE_S)
                 child.kill()
         self._thread.join()
@@ -104,7 +104,7 @@ class Supervisor:
         said = ""
         for line in self._child.stdout:
             said = line.strip() or said
-        code = self._child.wait()
+        code = _reaped(self._child)
         self._child.stdout.close()
         try:
             self._child.stdin.close()
@@ -125,6 +125,17 @@ def _spawn() -> subprocess.Popen[str]:
         # Ctrl-C in the terminal is ours alone: we then tell the child.
         start_new_session=True,
     )
+
+
+def _reaped(child: subprocess.Popen[str]) -> int:
+    """Wait for a child, and end what it left behind: all in its session, which it was the first of."""
+    os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOWAIT)
+    try:
+        # Not reaped yet, it still has its number, which so is nobody else's.
+        os.killpg(child.pid, signal.SIGKILL)
+    except OSError:
+        pass  # Nothing is left.
+    return child.wait()
 
 
 def _tell(child: subprocess.Popen[str], line: str) -> None:

@@ -14,6 +14,8 @@ import signal
 import sys
 import threading
 import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
 from enum import StrEnum
 from io import FileIO
 from pathlib import Path
@@ -21,11 +23,12 @@ from typing import Annotated
 
 from pydantic import Field, SecretStr
 
+from workers import log_lines
 from workers.child import runner_named
 from workers.client import Api, ApiError, HttpSource
-from workers import log_lines
 from workers.dispatcher import Dispatcher
 from workers.executor import Executor, ExecutorError, ExecutorLost
+from workers.family import kill_descendants
 from workers.inline import Inline
 from workers.job import Message, RowId, WorkerInfo
 from workers.process_pool import ProcessPool
@@ -37,6 +40,8 @@ RUNNER = "workers.run:run_job"
 CANNOT_WORK, EXECUTOR_LOST = 2, 3
 #: What makes starting a dispatcher again useless.
 FAULTS = (ApiError, Refused, ExecutorError)
+#: How soon a start is broken off [s].
+STOP_PERIOD_S = 0.2
 #: How long a child whose parent is gone may take to stop in peace [s].
 ORPHAN_S = 4.0
 
@@ -80,12 +85,12 @@ def dispatch(order: DispatchOrder, stop: threading.Event) -> None:
         executor = _executor(order, stop)
         try:
             worker = _worker(order, executor)
+            log_lines.sign(worker=worker.name)
             Dispatcher(HttpSource(api), executor, worker, order.campaign_id).run(stop.is_set)
         finally:
             executor.close()
 
 
-            log_lines.sign(worker=worker.name)
 def stop_on_signals(stop: threading.Event) -> None:
     """Let SIGINT and SIGTERM end the work in peace."""
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -100,8 +105,36 @@ def _executor(order: DispatchOrder, stop: threading.Event) -> Executor:
     # Read only where it is wanted: most installations have no Ray.
     from workers.ray_executor import RayCluster, RayExecutor
 
-    cluster = RayCluster(order.address, order.n_workers, order.cluster_token)
+    with _broken_off_by(stop):
+        cluster = RayCluster(order.address, order.n_workers, order.cluster_token)
     return RayExecutor(cluster, order.runner)
+
+
+@contextmanager
+def _broken_off_by(stop: threading.Event) -> Iterator[None]:
+    """End this process, and all below it, if it is told to stop meanwhile.
+
+    Ray takes many seconds to start and listens to nobody; so early no job is held.
+    """
+    is_over = threading.Event()
+
+    def watch() -> None:
+        while not is_over.wait(STOP_PERIOD_S):
+            if stop.is_set():
+                _end_at_once(0)
+
+    watcher = threading.Thread(target=watch, name="start", daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        is_over.set()
+        watcher.join()
+
+
+def _end_at_once(code: int) -> None:
+    kill_descendants()
+    os._exit(code)
 
 
 def _worker(order: DispatchOrder, executor: Executor) -> WorkerInfo:
@@ -120,8 +153,8 @@ def _worker(order: DispatchOrder, executor: Executor) -> WorkerInfo:
 def _listen(orders: FileIO, stop: threading.Event) -> None:
     """Wait for the word or the death of the coordinator, and stop."""
     if orders.readline() == b"":
-        # Whatever does not end in peace ends all the same; the pool's processes then see their pipes close.
-        timer = threading.Timer(ORPHAN_S, os._exit, (CANNOT_WORK,))
+        # Whatever does not end in peace ends all the same.
+        timer = threading.Timer(ORPHAN_S, _end_at_once, (CANNOT_WORK,))
         timer.daemon = True
         timer.start()
     stop.set()
@@ -142,7 +175,11 @@ def main() -> int:
         dispatch(order, stop)
     except FAULTS as error:
         sys.stdout.write(f"{error}\n")
-        return EXECUTOR_LOST if isinstance(error, ExecutorLost) else CANNOT_WORK
+        if isinstance(error, ExecutorLost):
+            sys.stdout.flush()
+            # Ray would look for its cluster for 5 s more.
+            _end_at_once(EXECUTOR_LOST)
+        return CANNOT_WORK
     return 0
 
 

@@ -7,22 +7,22 @@ imports ray, and only when a cluster is opened, since ray reads its environment 
 
 import logging
 import os
-import shutil
 import signal
 import socket
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import chdir, contextmanager
 from pathlib import Path
 from typing import Any
 
 import psutil
 
 from workers.executor import CANCEL_GRACE_S, ExecutorError, ExecutorLost, Finished, Ticket
+from workers.family import kill
 from workers.job import Claim, Ending, Job, JobOutcome
+from workers.ray_folder import RayFolder, require_short
 from workers.ray_task import ForeignWorker, difference, execute, probe, unpacked, versions
 from workers.ray_token import checked, own_token, require_token
 from workers.ray_watchdog import Watchdog
@@ -37,8 +37,11 @@ ENVIRONMENT = {
 }
 #: Jobs and outcomes travel inline; the store of large objects stays as small as Ray permits [bytes].
 OBJECT_STORE_BYTES = 80_000_000
-#: Socket paths are at most 107 bytes, of which Ray's names below the folder take 64.
-LONGEST_FOLDER = 43
+#: Where core, workers and service are: Ray puts the folder that a driver stands in before all others in every
+#: worker process, and a folder called `core` there would be imported in place of ours.
+PACKAGES = Path(__file__).resolve().parents[1]
+#: Without these a cluster of ours is none.
+VITAL = ("gcs_server", "raylet")
 #: A worker process ends after so many jobs, so that no leak lasts.
 JOBS_PER_PROCESS = 200
 #: How long a coordinator of a cluster may take to answer, a node to start a process, a reply to arrive [s].
@@ -64,7 +67,9 @@ class RayCluster:
     ) -> None:
         self.is_own = address == "local"
         self.ray: Any = None
-        self._scratch: Path | None = None
+        #: Whether there is nobody left to take leave of.
+        self.is_lost = False
+        self._scratch: RayFolder | None = None
         try:
             if self.is_own:
                 self._start(n_workers, own_token(token), folder)
@@ -91,31 +96,43 @@ class RayCluster:
         for node, reference in probes.items():
             self._check_node(node, reference)
 
+    def require_alive(self) -> None:
+        """Raise ExecutorLost once a cluster of ours has lost a process that it cannot do without.
+
+        Ray itself says so after 20 s, and never where its raylet is gone.
+        """
+        node = self.ray._private.worker._global_node if self.is_own else None
+        for name, process in node.dead_processes() if node is not None else ():
+            if name in VITAL:
+                raise ExecutorLost(
+                    f"ray cluster: expected its {name} to run, got exit code {process.returncode}; "
+                    "start the dispatcher again"
+                )
+
     def n_processors(self) -> int:
         """Return the number of processors of the cluster as it is now."""
         return int(self.ray.cluster_resources().get("CPU", 0))
 
     def close(self) -> None:
         """Leave the cluster; one that was started here ends, with all its processes."""
-        if self.ray is not None:
-            processes = list(self._processes())
+        processes = list(self._processes()) if self.ray is not None else []
+        if self.is_lost:
+            # In peace it would take 17 s more.
+            kill(processes)
+        elif self.ray is not None:
             self.ray.shutdown()
-            for process in psutil.wait_procs(processes, LEAVE_S)[1]:
-                process.kill()
+            kill(psutil.wait_procs(processes, LEAVE_S)[1])
         if self._scratch is not None:
-            shutil.rmtree(self._scratch, ignore_errors=True)
+            self._scratch.close()
 
     def _start(self, n_workers: int | None, token: Path, folder: Path | None) -> None:
         n_workers = n_workers if n_workers is not None else os.cpu_count() or 1
         if n_workers < 1:
             raise ExecutorError(f"workers: expected at least 1, got {n_workers}")
         if folder is None:
-            folder = self._scratch = Path(tempfile.mkdtemp(prefix="coastarc-"))
-        if len(os.fsencode(folder.absolute())) > LONGEST_FOLDER:
-            raise ExecutorError(
-                f"ray folder: expected a path of at most {LONGEST_FOLDER} bytes for sockets, got {folder}; "
-                "choose a shorter one"
-            )
+            self._scratch = RayFolder()
+            folder = self._scratch.path
+        folder = require_short(folder)
         # One process more than jobs stays warm for the watchdog, which would start one each time.
         os.environ["RAY_num_workers_soft_limit"] = str(n_workers + 1)
         self._open(
@@ -124,7 +141,7 @@ class RayCluster:
             num_cpus=n_workers,
             include_dashboard=False,
             object_store_memory=OBJECT_STORE_BYTES,
-            _temp_dir=str(folder.absolute()),
+            _temp_dir=str(folder),
         )
 
     def _join(self, address: str, n_workers: int | None, token: Path | None) -> None:
@@ -145,14 +162,14 @@ class RayCluster:
     def _open(self, token: Path | None, **options: Any) -> None:
         self.ray = ray = _imported(token)
         try:
-            with _signals_kept():
+            with _signals_kept(), chdir(PACKAGES):
                 ray.init(log_to_driver=False, logging_level="ERROR", **options)
         except Exception as error:  # bare where a busy machine starts Ray too slowly
-            remedy = "try again" if self.is_own else "token, Ray and Python must be the same as here"
-            raise ExecutorError(
-                f"ray cluster {options['address']}: expected a connection, got {type(error).__name__} "
-                f"({error}); {remedy}"
-            ) from error
+            cause = f"{type(error).__name__} ({error})"
+            said = f"ray cluster {options['address']}: expected a connection, got {cause}"
+            if self.is_own:
+                raise ExecutorLost(f"{said}; try again") from error
+            raise ExecutorError(f"{said}; token, Ray and Python must be the same as here") from error
         # Ray would print on our stdout what its processes died of, with pages of their logs.
         ray._private.worker.print_to_stdstream = _log_first_line
 
@@ -160,6 +177,10 @@ class RayCluster:
         remedy = "install the same release on every node, in the same Python"
         try:
             found = self.ray.get(reference, timeout=PROBE_S)
+        except self.ray.exceptions.GetTimeoutError as error:
+            raise ExecutorLost(
+                f"ray node {node}: expected its versions in {PROBE_S:.0f} s, got none; try again"
+            ) from error
         except self.ray.exceptions.RayError as error:
             # A node of ours has our release: whatever it cannot even run a task for, a new one will.
             has_died = self.is_own and not isinstance(error, self.ray.exceptions.RayTaskError)
@@ -262,8 +283,15 @@ class RayExecutor:
 
     def finished(self, timeout: float) -> list[Finished]:
         """Return what has ended, after waiting at most `timeout` seconds for a first one."""
-        end = time.monotonic() + timeout
+        try:
+            return self._finished(time.monotonic() + timeout)
+        except ExecutorLost:
+            self._cluster.is_lost = True
+            raise
+
+    def _finished(self, end: float) -> list[Finished]:
         while True:
+            self._cluster.require_alive()
             self._watchdog.look()
             self._kill_overdue()
             # Short waits, so that a long one does not keep the watchdog from looking.

@@ -48,4 +48,5 @@ def require_token(environment: MutableMapping[str, str], path: Path | None) -> N
     if path is not None:
         # A token in the environment would win over the file.
         environment.pop("RAY_AUTH_TOKEN", None)
-        environment["RAY_AUTH_TOKEN_PATH"] = str(path)
+        # Absolute, since Ray's processes stand elsewhere.
+        environment["RAY_AUTH_TOKEN_PATH"] = str(path.absolute())

@@ -1,6 +1,6 @@
-"""Stories of clusters that a process starts for itself: one is closed, of the other the raylet is killed.
+"""Stories of clusters that a process starts for itself: one is closed, others lose what they need.
 
-Run as `python -m tests.workers.own_ray_cluster close|kill FOLDER`; prints JSON and nothing else.
+Run as `python -m tests.workers.own_ray_cluster close|raylet|gcs|frozen FOLDER`; prints JSON and nothing else.
 """
 
 import json
@@ -9,6 +9,7 @@ import signal
 import stat
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import psutil
@@ -19,9 +20,9 @@ from workers.ray_executor import RayCluster, RayExecutor
 from workers.ray_watchdog import Watchdog
 
 
-def opened(folder):
+def opened(folder, patience_s=30.0):
     cluster = RayCluster(n_workers=1, token=folder / "token", folder=folder / "ray")
-    watchdog = Watchdog(cluster.ray, interval_s=1.0, timeout_s=5.0)
+    watchdog = Watchdog(cluster.ray, interval_s=1.0, timeout_s=patience_s)
     return RayExecutor(cluster, "tests.workers.fake:run_chain_zero_deaf", watchdog=watchdog)
 
 
@@ -69,16 +70,28 @@ def told_of_closing(folder):
     return told | {"n_processes": len(before), "left": alive(before)}
 
 
-def told_of_killing_the_raylet(folder):
-    executor = opened(folder)
+def told_of_losing(folder, name, number, patience_s=30.0):
+    """Send a signal to one process of a cluster that works on a job."""
+    executor = opened(folder, patience_s)
     deaf_job_runs(executor)
     before = processes()
-    os.kill(next(process.pid for process in before if process.name() == "raylet"), signal.SIGKILL)
+    os.kill(next(process.pid for process in before if process.name() == name), number)
     told = {"seconds_until_lost": seconds_until_lost(executor)}
+    start = time.monotonic()
     executor.close()
-    return told | {"left": alive(before)}
+    return told | {"seconds_to_close": time.monotonic() - start, "left": alive(before)}
 
+
+STORIES = {
+    "close": told_of_closing,
+    "raylet": partial(told_of_losing, name="raylet", number=signal.SIGKILL),
+    "gcs": partial(told_of_losing, name="gcs_server", number=signal.SIGKILL),
+    "frozen": partial(told_of_losing, name="raylet", number=signal.SIGSTOP, patience_s=5.0),
+}
 
 if __name__ == "__main__":
-    tell = {"close": told_of_closing, "kill": told_of_killing_the_raylet}[sys.argv[1]]
-    sys.stdout.write(json.dumps(tell(Path(sys.argv[2]))))
+    told = json.dumps(STORIES[sys.argv[1]](Path(sys.argv[2])))
+    sys.stdout.write(told)
+    sys.stdout.flush()
+    # Ray would look for a lost cluster for 5 s more.
+    os._exit(0)

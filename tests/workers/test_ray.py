@@ -13,12 +13,14 @@ import sys
 import tempfile
 import time
 from collections import deque
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
 from tests.workers import fake
 from tests.workers.jobs import hop_job
+from tests.workers.own_ray_cluster import STORIES
 from workers import ray_executor, ray_task
 from workers.executor import ExecutorError, Ticket
 from workers.inline import Inline
@@ -136,8 +138,9 @@ def test_a_wrong_token_is_refused(simulated_cluster, tmp_path):
 
 @pytest.fixture(scope="module")
 def stories():
-    """Give what happened to clusters that other processes started for themselves."""
-    return {name: story(name) for name in ("close", "kill")}
+    """Give what happened to clusters that other processes started for themselves, two at a time."""
+    with ThreadPoolExecutor(2) as pool:
+        return dict(zip(STORIES, pool.map(story, STORIES), strict=True))
 
 
 def story(name, n_tries=3):
@@ -180,11 +183,19 @@ def test_closing_a_cluster_of_ours_leaves_no_process_even_of_a_deaf_job(stories)
 
 
 @pytest.mark.ray
-def test_a_killed_raylet_is_noticed_and_nothing_of_its_cluster_remains(stories):
+@pytest.mark.parametrize("name", ["raylet", "gcs"])
+def test_a_killed_process_is_noticed_at_once_and_nothing_of_its_cluster_remains(stories, name):
+    # Ray itself says so 20 s later, and never while nothing is asked of a dead raylet.
+    assert stories[name]["seconds_until_lost"] < 10
+    assert stories[name]["seconds_to_close"] < 10 and stories[name]["left"] == []
+
+
+@pytest.mark.ray
+def test_a_raylet_that_no_longer_answers_is_noticed_and_nothing_of_its_cluster_remains(stories):
     # Asked every second, and twice no answer in 5 s; in service every 5 s and twice 10 s.
-    lost_after = stories["kill"]["seconds_until_lost"]
+    lost_after = stories["frozen"]["seconds_until_lost"]
     assert lost_after is not None and 5 < lost_after < 30
-    assert stories["kill"]["left"] == []
+    assert stories["frozen"]["left"] == []
 
 
 @pytest.mark.parametrize("address", ["auto", "ray://10.0.0.1:10001", "10.0.0.1", "localhost:ray"])
