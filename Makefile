@@ -3,13 +3,17 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test chaos lint clean
+.PHONY: run test same chaos lint clean
 
 run: $(VENV)/.installed
 	$(BIN)/coastarc run examples/quick.toml
 
 test: $(VENV)/.installed-test
 	$(BIN)/python -m pytest
+
+# The same solutions inline, on the process pool and on Ray, with the real solver: some twenty minutes.
+same: $(VENV)/.installed-test
+	$(BIN)/python -m tests.acceptance.same_everywhere
 
 # Kill whatever can be killed, 200 times and more, and compare with runs that nobody disturbs: some twenty minutes.
 # What one run drew is drawn again by `make chaos CHAOS="--rng-seed N"`, one round of it with `--round NAME` too.
