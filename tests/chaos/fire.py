@@ -20,6 +20,8 @@ class AtRandom:
     gap_s: tuple[float, float]
     #: How often the dispatcher elsewhere is frozen for longer than its leases.
     n_freezes: int = 0
+    #: Share of the waits that begin when the coordinator answers; the others may end while it starts.
+    settled_share: float = 0.5
 
     def __call__(self, under_fire: Round) -> None:
         """Kill."""
@@ -28,6 +30,8 @@ class AtRandom:
         acts += [None] * self.n_freezes
         random.shuffle(acts)
         for kind in acts:
+            if random.random() < self.settled_share:
+                under_fire.wait_until("an answer", under_fire.prober.is_answered, PATIENCE_S)
             under_fire.wait(random.uniform(*self.gap_s))
             if kind is not None:
                 under_fire.kill(kind)

@@ -19,7 +19,7 @@ from tests.chaos.verdict import faults_of, opened, undisturbed
 from tests.service.campaigns import OUTAGE, spec_fields
 
 #: How long a first outcome may take, a victim to be there, and everything that is left to be done [s].
-START_S, VICTIM_S, FINISH_S = 180.0, 120.0, 600.0
+START_S, VICTIM_S, FINISH_S = 300.0, 240.0, 900.0
 #: What the issue allows: from the loss of a worker, or of an executor, to new work [s].
 LOST_WORKER_S, LOST_EXECUTOR_S = 40.0, 90.0
 POLL_S = 0.1
@@ -50,6 +50,7 @@ class Round:
         self.folder = folder
         self.site = Site(folder / "1", order.site)
         self.user = User(self.site, lambda n: campaign_fields(order, n))
+        self.prober = Prober(self.site)
         self.n_freezes = 0
         #: From the kill of a part of an executor to the first outcome of a new one [s].
         self.executor_back: list[float] = []
@@ -58,7 +59,7 @@ class Round:
     def run(self) -> dict[str, Any]:
         """Return what happened, with all that was wrong."""
         begin = time.monotonic()
-        with self.site as site, Prober(site) as prober, self.user as user:
+        with self.site as site, self.prober as prober, self.user as user:
             self.wait_until("a first outcome", self.n_accepted, START_S)
             self.order.fire(self)
             user.submit_no_more()

@@ -42,12 +42,15 @@ def run(orders: Sequence[RoundOrder], rng_seed: int) -> dict[str, Any]:
     # Sockets of Ray have at most 107 bytes for their paths, so this is short.
     folder = Path(tempfile.mkdtemp(prefix="chaos-", dir="/tmp"))
     done = []
-    for number, order in enumerate(orders):
-        # Of its own, so that a round can be repeated without those before it.
-        random = Random(f"{rng_seed} {order.name}")
-        tell(f"round {order.name} ...")
-        done.append(run_one(Round(order, folder / str(number), random)))
-        tell(f"round {order.name}: {line_of(done[-1])}")
+    try:
+        for number, order in enumerate(orders):
+            # Of its own, so that a round can be repeated without those before it.
+            random = Random(f"{rng_seed} {order.name}")
+            tell(f"round {order.name} ...")
+            done.append(run_one(Round(order, folder / str(number), random)))
+            tell(f"round {order.name}: {line_of(done[-1])}")
+    except (KeyboardInterrupt, SystemExit):
+        done.append({"round": order.name, "kills": {}, "faults": ["interrupted"]})
     summary = {"rng_seed": rng_seed, "seconds": round(time.monotonic() - begin, 1)} | added_up(done)
     if summary["faults"]:
         tell(f"archives and logs are in {folder}")
@@ -93,7 +96,7 @@ def added_up(rounds: Sequence[dict[str, Any]]) -> dict[str, Any]:
             "failed": sum(one["probes"]["failed"] for one in ended),
             "worst_s": max((one["probes"].get("worst", 0.0) for one in ended), default=None),
         },
-        "archives_equal": sum(not one["faults"] for one in rounds),
+        "rounds_as_undisturbed": sum(not one["faults"] for one in rounds),
         "faults": [f"{one['round']}: {fault}" for one in rounds for fault in one["faults"]],
     }
 
