@@ -23,6 +23,8 @@ START_S, VICTIM_S, FINISH_S = 300.0, 240.0, 900.0
 #: What the issue allows: from the loss of a worker, or of an executor, to new work [s].
 LOST_WORKER_S, LOST_EXECUTOR_S = 40.0, 90.0
 POLL_S = 0.1
+#: Deaths that nobody caused, after which a round is given up.
+MOST_FAULTS = 5
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,8 @@ class Round:
         """Return what a condition says once it is true; one that does not come true is a fault."""
         end = time.monotonic() + seconds
         while not (found := condition()):
-            if time.monotonic() > end or self.user.faults:
+            is_hopeless = self.user.faults or len(self.site.faults) > MOST_FAULTS
+            if time.monotonic() > end or is_hopeless:
                 said = self.site.last_words("coordinator")
                 self.faults.append(
                     f"round: expected {what} in {seconds:.0f} s, got none; the coordinator said {said}"

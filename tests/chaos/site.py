@@ -7,10 +7,12 @@ parents were killed are found in the end.
 
 import ctypes
 import os
+import shutil
 import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 import uuid
 from dataclasses import dataclass
@@ -73,7 +75,9 @@ class Site:
             probe.bind(("127.0.0.1", 0))
             self._port = probe.getsockname()[1]
         self.url = f"http://127.0.0.1:{self._port}"
-        (folder / "t").mkdir(parents=True)
+        folder.mkdir(parents=True)
+        # Sockets of Ray have at most 107 bytes for their paths.
+        self._scratch = tempfile.mkdtemp(prefix="c-", dir="/tmp")
 
     def __enter__(self):
         self._coordinator = self._serve()
@@ -89,6 +93,7 @@ class Site:
         for process in left:
             process.kill()
         psutil.wait_procs(left, 5.0)
+        shutil.rmtree(self._scratch, ignore_errors=True)
 
     def keep_alive(self) -> None:
         """Start again what died without having been killed, which nothing here may do."""
@@ -190,7 +195,7 @@ class Site:
 
     def _environment(self) -> dict[str, str]:
         # Folders that Ray leaves behind when its driver is killed, and its token, go with the round.
-        own = {MARK: self._mark, "TMPDIR": str(self.folder / "t"), "XDG_DATA_HOME": str(self.folder)}
+        own = {MARK: self._mark, "TMPDIR": self._scratch, "XDG_DATA_HOME": str(self.folder)}
         if self.order.lease_s is not None:
             own[LEASE] = str(self.order.lease_s)
         if self.order.n_failures is not None:
