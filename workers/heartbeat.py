@@ -3,6 +3,7 @@
 import logging
 import queue
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Self
 
@@ -15,6 +16,8 @@ log = logging.getLogger(__name__)
 
 #: How soon after its start a worker is heard of, before it knows how often it has to be [s].
 FIRST_PERIOD_S = 0.25
+#: How often it is asked in between what to cancel, which writes nothing [s].
+LOOK_S = 0.5
 
 
 class Heartbeat:
@@ -49,21 +52,31 @@ class Heartbeat:
         while not self._answers.empty():
             yield self._answers.get()
 
-    def beat(self) -> None:
-        """Say once what is held."""
+    def beat(self, extend: bool = True) -> None:
+        """Say once what is held, to extend its leases or only to hear what to cancel."""
         held = [HeldJob(job_id=ticket.job_id, attempt=ticket.attempt) for ticket in self._held()]
         for first in range(0, max(1, len(held)), MOST_HELD):
-            request = HeartbeatRequest(worker=self._info(), held=tuple(held[first : first + MOST_HELD]))
+            part = tuple(held[first : first + MOST_HELD])
+            request = HeartbeatRequest(worker=self._info(), held=part, extend=extend)
             self._answers.put(self._source.heartbeat(request))
 
+    def look(self) -> None:
+        """Hear what to cancel, if there is anything."""
+        if self._held():
+            self.beat(extend=False)
+
     def _run(self) -> None:
-        backoff = Backoff()
-        pause_s = self.period_s
+        backoff, pause_s = Backoff(), self.period_s
+        next_beat = time.monotonic() + pause_s
         while not self._stop.wait(pause_s):
             try:
-                self.beat()
+                if time.monotonic() < next_beat:
+                    self.look()
+                else:
+                    self.beat()
+                    next_beat = time.monotonic() + self.period_s
                 backoff.succeeded()
-                pause_s = self.period_s
+                pause_s = min(LOOK_S, max(0.0, next_beat - time.monotonic()))
             except Unreachable as error:
                 log.warning("heartbeat: %s", error)
                 pause_s = min(backoff.failed(error.wait_s), self.period_s)

@@ -259,6 +259,8 @@ class HeartbeatRequest(Message):
 
     worker: WorkerInfo
     held: HeldJobs = ()
+    #: Without, leases stay as they are, nothing is written, and only the answer counts.
+    extend: bool = True
 
 
 class HeartbeatAnswer(Message):

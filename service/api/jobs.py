@@ -78,9 +78,13 @@ def keep_jobs(
     request: Annotated[HeartbeatRequest, Body(openapi_examples={"one job": {"value": HEARTBEAT}})],
     store: StoreHere,
 ) -> HeartbeatAnswer:
-    """Extend the leases of all jobs that a worker holds; tell which to cancel, and which it has lost."""
+    """Extend the leases of all jobs that a worker holds; tell which to cancel, and which it has lost.
+
+    With `extend` false it only tells, and writes nothing: between two heartbeats a worker so hears at once
+    of what is cancelled.
+    """
     held = [Ticket(job.job_id, job.attempt) for job in request.held]
-    return store.heartbeat(request.worker, held)
+    return store.heartbeat(request.worker, held) if request.extend else store.look(held)
 
 
 @router.post("/jobs/complete", responses=CONFLICT)

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 
-from sqlalchemy import select, tuple_, update
+from sqlalchemy import ColumnElement, select, tuple_, update
 from sqlalchemy.orm import Session
 
 from service.db.tables import AttemptRow, CampaignRow, JobRow, SearchRow, WorkerRow
@@ -24,14 +24,9 @@ def heartbeat(
     row = session.get(WorkerRow, worker)
     if row is not None:
         row.seen_at = now
-    is_held = (
-        JobRow.id.in_([ticket.job_id for ticket in tickets])
-        & tuple_(JobRow.id, JobRow.attempt).in_(tickets)
-        & (JobRow.state == "running")
-    )
     statement = (
         update(JobRow)
-        .where(is_held)
+        .where(_is_held(tickets))
         .values(lease_until=now + lease_s)
         .returning(JobRow.id, JobRow.attempt, JobRow.is_cancelling)
     )
@@ -40,6 +35,25 @@ def heartbeat(
         extended=_messages(ticket for ticket in tickets if ticket in kept),
         to_cancel=_messages(ticket for ticket in tickets if kept.get(ticket)),
         not_held=_messages(ticket for ticket in tickets if ticket not in kept),
+    )
+
+
+def look(session: Session, held: Iterable[Ticket]) -> HeartbeatAnswer:
+    """Tell which jobs to cancel, and which are no longer held; nothing is extended."""
+    tickets = sorted(set(held))
+    statement = select(JobRow.id, JobRow.attempt, JobRow.is_cancelling).where(_is_held(tickets))
+    kept = {Ticket(job, attempt): flag for job, attempt, flag in session.execute(statement)}
+    return HeartbeatAnswer(
+        to_cancel=_messages(ticket for ticket in tickets if kept.get(ticket)),
+        not_held=_messages(ticket for ticket in tickets if ticket not in kept),
+    )
+
+
+def _is_held(tickets: Sequence[Ticket]) -> ColumnElement[bool]:
+    return (
+        JobRow.id.in_([ticket.job_id for ticket in tickets])
+        & tuple_(JobRow.id, JobRow.attempt).in_(tickets)
+        & (JobRow.state == "running")
     )
 
 

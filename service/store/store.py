@@ -107,6 +107,11 @@ class Store:
 
         return self._database.write(work)
 
+    def look(self, held: Iterable[Ticket]) -> HeartbeatAnswer:
+        """Tell what to cancel and what is lost, and extend nothing."""
+        with self._database.read() as session:
+            return leases.look(session, held)
+
     def complete(self, ticket: Ticket, outcome: JobOutcome) -> CompleteAnswer:
         """Take back an outcome; a stale one raises and changes nothing, a repeated one gets its answer."""
         return self._database.write(

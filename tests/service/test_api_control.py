@@ -46,6 +46,10 @@ def test_a_worker_claims_keeps_and_returns_jobs_over_http(client, store):
     held = [{"job_id": claim.job_id, "attempt": claim.attempt} for claim in answer.claims]
     beat = client.post(f"{API}/jobs/heartbeat", json={"worker": WORKER, "held": held}).json()
     assert len(HeartbeatAnswer.model_validate(beat).extended) == 2
+    other = {"job_id": 999, "attempt": 1}
+    asked = {"worker": WORKER, "held": [*held, other], "extend": False}
+    look = client.post(f"{API}/jobs/heartbeat", json=asked).json()
+    assert look == {"extended": [], "to_cancel": [], "not_held": [other]}
     (worker,) = client.get(f"{API}/workers").json()["items"]
     assert worker["is_alive"] and [job["job_id"] for job in worker["held"]] == [1, 2]
     claim = answer.claims[0]

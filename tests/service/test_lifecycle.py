@@ -184,6 +184,19 @@ def test_a_heartbeat_tells_who_lost_what(store, clock):
     answer = store.heartbeat("a", [ticket(kept), ticket(lost)])
     assert (answer.extended, answer.not_held, answer.to_cancel) == (held(kept), held(lost), ())
     assert store.heartbeat("a", []).extended == ()
+    seen = store.look([ticket(kept), ticket(lost)])
+    assert (seen.extended, seen.not_held, seen.to_cancel) == ((), held(lost), ())
+
+
+def test_a_look_extends_no_lease_and_tells_what_to_cancel(store, clock):
+    submitted(store)
+    claim = claim_one(store)
+    store.cancel_job(claim.job_id)
+    clock.advance(20.0)
+    assert store.look([ticket(claim)]).to_cancel == held(claim)
+    clock.advance(20.0)
+    store.reap()
+    assert store.look([ticket(claim)]).not_held == held(claim)
 
 
 def test_only_jobs_of_workers_that_are_gone_for_sure_are_recovered(store):

@@ -103,6 +103,18 @@ def test_a_heartbeat_cancels_what_the_source_wants_back():
     assert source.reported[Ticket(1, 1)].ending is Ending.CANCELLED
 
 
+def test_a_cancel_is_heard_of_long_before_the_next_heartbeat():
+    source = ListSource(1, heartbeat_s=60.0)
+    pool = ProcessPool(1, "tests.workers.fake:run_until_stopped")
+    dispatcher = Dispatcher(source, pool, INFO)
+    begin = time.monotonic()
+    # The first heartbeat comes after 0.25 s, the second after a minute.
+    threading.Timer(3.0, lambda: setattr(source, "cancelled", (1,))).start()
+    work(dispatcher, lambda: bool(source.reported))
+    pool.close()
+    assert source.reported[Ticket(1, 1)].ending is Ending.CANCELLED and time.monotonic() - begin < 30.0
+
+
 def test_what_the_source_gave_to_somebody_else_is_stopped_and_not_reported():
     source, pool = ListSource(2), ProcessPool(1, "tests.workers.fake:run_chain_zero_deaf")
     source.lost.add(1)
