@@ -9,6 +9,7 @@ from service.db import postgres, sqlite_file
 from service.db.dialect import read_version
 from service.db.errors import DatabaseError
 from service.db.place import Place, shown
+from service.db.recount import TALLIES
 from service.db.tables import SCHEMA_VERSION, Base, JobRow, SearchRow, SolveRow
 from service.db.upgrade import differences
 from service.doctor import Check
@@ -73,8 +74,14 @@ def _totals(connection: Connection) -> Check:
     jobs = select(func.count(JobRow.id)).where(JobRow.search_id == SearchRow.id).scalar_subquery()
     solves = select(func.count(SolveRow.id)).where(SolveRow.search_id == SearchRow.id).scalar_subquery()
     differ = (SearchRow.n_planned != jobs) | (SearchRow.n_solves != solves)
-    names = connection.scalars(select(SearchRow.name).where(differ).order_by(SearchRow.id)).all()
-    faults = [f"those of search {name} are not those of its rows" for name in names]
+    names = list(connection.scalars(select(SearchRow.name).where(differ).order_by(SearchRow.id)))
+    counted, kept = (
+        {tuple(row[:3]): row[3] for row in connection.exec_driver_sql(query)}
+        for query in (TALLIES, "SELECT search_id, noun, name, number FROM tally")
+    )
+    ids = {key[0] for key in counted.keys() | kept.keys() if counted.get(key, 0) != kept.get(key, 0)}
+    names += connection.scalars(select(SearchRow.name).where(SearchRow.id.in_(ids)).order_by(SearchRow.id))
+    faults = [f"those of search {name} are not those of its rows" for name in dict.fromkeys(names)]
     return _judged("totals", "every search's are those of its rows", faults, RESTORE)
 
 

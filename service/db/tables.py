@@ -21,6 +21,8 @@ SCHEMA_VERSION = 3
 
 CAMPAIGN_STATES, SEARCH_STATES, JOB_STATES = (tuple(TRANSITIONS[n]) for n in ("campaign", "search", "job"))
 ENDINGS = tuple(ending.value for ending in Ending)
+#: What tallies are of.
+TALLIED = ("attempt", "job", "solve", "status", "level", "solution")
 
 
 def _one_of(column: str, names: tuple[str, ...]) -> CheckConstraint:
@@ -107,6 +109,19 @@ class SearchRow(Base):
     n_planned: Mapped[int] = mapped_column(default=0, server_default="0")
     n_solves: Mapped[int] = mapped_column(default=0, server_default="0")
     cpu_seconds: Mapped[float] = mapped_column(default=0.0, server_default="0")
+
+
+class TallyRow(Base):
+    """How many rows of one kind a search has, counted as they come: to count a million takes a second."""
+
+    __tablename__ = "tally"
+    __table_args__ = _table(_one_of("noun", TALLIED))
+    search_id: Mapped[int] = mapped_column(ForeignKey("search.id"), primary_key=True)
+    noun: Mapped[str] = mapped_column(primary_key=True)
+    #: Which of them; see `service.store.tallies`.
+    name: Mapped[str] = mapped_column(primary_key=True)
+    number: Mapped[int]
+    cpu_seconds: Mapped[float]
 
 
 class CaseRow(Base):
@@ -215,7 +230,15 @@ class SolveRow(Base):
     __table_args__ = _table(
         UniqueConstraint("job_id", "hop"),
         _one_of("ending", ENDINGS),
-        Index("solve_of_search", "search_id", "paper", "strict"),
+        partial_index(
+            "solve_order",
+            "search_id",
+            "final_mass_kg",
+            "solution_id",
+            "strict",
+            where="solution_id IS NOT NULL",
+        ),
+        Index("solve_recent", "search_id", "created_at"),
         Index("solve_of_solution", "solution_id", "id"),
     )
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -241,6 +264,8 @@ class SolveRow(Base):
     wall_seconds: Mapped[float]
     move: Mapped[str | None]
     solution_id: Mapped[str | None] = mapped_column(ForeignKey("solution.id"))
+    #: That of the solution, by which a search lists them.
+    final_mass_kg: Mapped[float | None]
     created_at: Mapped[float]
 
 
@@ -248,7 +273,10 @@ class SolutionRow(Base):
     """A vector that the verifier found feasible; `id` is the hash of its problem and its bytes."""
 
     __tablename__ = "solution"
-    __table_args__ = _table(Index("solution_order", "problem_hash", "objective_kg", "id"))
+    __table_args__ = _table(
+        Index("solution_order", "problem_hash", "objective_kg", "id"),
+        Index("solution_by_mass", "objective_kg", "id"),
+    )
     id: Mapped[str] = mapped_column(primary_key=True)
     problem_hash: Mapped[str] = mapped_column(ForeignKey("problem.hash"))
     x: Mapped[NDArray[np.float64]] = mapped_column(Vector)

@@ -6,11 +6,13 @@ came first, except that budgets in core seconds or solutions end a search at a m
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from core.analysis.distinct import most_diverse
+from core.problem import Problem
 from core.search import expand_mapping
 from service.scheduler.pairing import Case, targets
 from service.search_spec import SearchSpec
@@ -102,13 +104,19 @@ def map_jobs(spec: Spec, search: SearchSpec, seed: Candidate, number: int = 0) -
     """Return the jobs that map a seed: the chain is its hash read as an integer, the hop counts mappings."""
     jobs: list[PlannedJob] = []
     for case in targets(search, seed.outages, number):
-        problems = [spec.problem.with_outages(one) for one in (seed.outages, search.outage_sets[case])]
-        texts = [text for mapping in search.mapping for text in expand_mapping(mapping, *problems)]
+        texts = _concrete(spec.problem, search.mapping, tuple(seed.outages), search.outage_sets[case])
         jobs += [
-            PlannedJob("map", int(seed.id, 16), 1, case, hop, seed.id, text)
-            for hop, text in enumerate(dict.fromkeys(texts))
+            PlannedJob("map", int(seed.id, 16), 1, case, hop, seed.id, text) for hop, text in enumerate(texts)
         ]
     return jobs
+
+
+@lru_cache(maxsize=4096)
+def _concrete(problem: Problem, mappings: tuple[str, ...], seed_case: Case, case: Case) -> tuple[str, ...]:
+    """Return the mappings of a seed to a case, which are the same for each seed of its problem."""
+    problems = [problem.with_outages(one) for one in (seed_case, case)]
+    texts = [text for mapping in mappings for text in expand_mapping(mapping, *problems)]
+    return tuple(dict.fromkeys(texts))
 
 
 def chosen(search: SearchSpec, candidates: Iterable[Candidate]) -> list[Candidate]:

@@ -20,10 +20,11 @@ from service.db.tables import (
 )
 from service.scheduler import plan
 from service.scheduler.states import ENDED
-from service.store.events import note
-from service.store.held import Held
+from service.store.events import noted
+from service.store.held import Held, Worked
 from service.store.specs import layout_of_problem, search_spec, spec_of
 from service.store.submission import add_jobs, is_used_up
+from service.store.tallies import Counts, scope_of
 from workers.job import SolveRecord
 
 #: The searches that take the seeds of one, with their campaigns.
@@ -55,19 +56,34 @@ def solution_hash(problem_hash: str, x: Any) -> str:
     return hashlib.blake2b(bytes.fromhex(problem_hash) + vector.tobytes(), digest_size=16).hexdigest()
 
 
-def add_solve(session: Session, held: Held, record: SolveRecord, now: float) -> bool:
-    """Store a solve and what it found, unless an earlier attempt had handed in the same hop; tell which."""
+def add_solve(
+    session: Session, held: Held, work: Worked, record: SolveRecord, counts: Counts, now: float
+) -> None:
+    """Store a solve and what it found, unless an earlier attempt had handed in the same hop."""
     job = held.job
-    solution_id = _add_solution(session, held.problem_hash, record, now)
-    is_new = insert_new(session, SolveRow, _solve_values(job, record, solution_id, now))
-    if solution_id is None or not is_new:
-        return is_new
-    _announce(session, held, record, solution_id, now)
+    solution_id, scope = _add_solution(session, held, record, now)
+    if not insert_new(session, SolveRow, _solve_values(job, record, solution_id, now)):
+        return
+    work.n_solves += 1
+    work.cpu_seconds += record.cpu_seconds
+    _count(counts, job.search_id, record, scope)
+    if solution_id is None:
+        return
+    work.events.append(_announced(held, record, solution_id, now))
     if job.seed_id is not None and job.seed_id != solution_id:
         link = {"solution_id": solution_id, "seed_id": job.seed_id, "mapping": job.mapping}
         insert_new(session, SeedLinkRow, link)
-    _plan_seeded(session, held, record, solution_id, now)
-    return True
+    _plan_seeded(session, held, work, record, solution_id, now)
+
+
+def _count(counts: Counts, search_id: int, record: SolveRecord, scope: str | None) -> None:
+    counts.add(search_id, "solve", record.ending.value, record.cpu_seconds)
+    counts.add(search_id, "status", record.status)
+    for level in ("paper", "strict"):
+        if record.certificate is not None and getattr(record.certificate, level):
+            counts.add(search_id, "level", level)
+    if scope is not None:
+        counts.add(search_id, "solution", scope)
 
 
 def _solve_values(job: JobRow, record: SolveRecord, solution_id: str | None, now: float) -> dict[str, Any]:
@@ -81,17 +97,22 @@ def _solve_values(job: JobRow, record: SolveRecord, solution_id: str | None, now
         "strict": certificate is not None and certificate.strict,
         "defects": _flat(record.defects),
         "solution_id": solution_id,
+        "final_mass_kg": record.trajectory.final_mass_kg if solution_id and record.trajectory else None,
         "created_at": now,
     }
 
 
-def _add_solution(session: Session, problem_hash: str, record: SolveRecord, now: float) -> str | None:
+def _add_solution(
+    session: Session, held: Held, record: SolveRecord, now: float
+) -> tuple[str | None, str | None]:
+    """Store what a solve found, if anything; return its id, and the scope in which it is new."""
     if record.x is None or record.trajectory is None or record.certificate is None:
-        return None
+        return None, None
+    problem_hash = held.problem_hash
     x = checked_vector(layout_of_problem(session, problem_hash), record.x)
     key = solution_hash(problem_hash, x)
     facts = record.trajectory.model_dump(exclude={"final_mass_kg"})
-    insert_new(
+    is_new = insert_new(
         session,
         SolutionRow,
         facts
@@ -107,7 +128,7 @@ def _add_solution(session: Session, problem_hash: str, record: SolveRecord, now:
             "created_at": now,
         },
     )
-    return key
+    return key, "archive" if is_new else scope_of(session, key, held.search.id, held.campaign.id)
 
 
 def _flat(defects: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -115,10 +136,9 @@ def _flat(defects: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
     return np.array(defects, dtype=np.float64).ravel()
 
 
-def _announce(session: Session, held: Held, record: SolveRecord, solution_id: str, now: float) -> None:
+def _announced(held: Held, record: SolveRecord, solution_id: str, now: float) -> dict[str, Any]:
     assert record.trajectory is not None and record.certificate is not None
-    note(
-        session,
+    return noted(
         held.campaign.id,
         "solution",
         now,
@@ -131,7 +151,9 @@ def _announce(session: Session, held: Held, record: SolveRecord, solution_id: st
     )
 
 
-def _plan_seeded(session: Session, held: Held, record: SolveRecord, solution_id: str, now: float) -> None:
+def _plan_seeded(
+    session: Session, held: Held, work: Worked, record: SolveRecord, solution_id: str, now: float
+) -> None:
     """Plan the map jobs of every search that takes each seed at once."""
     assert record.trajectory is not None and record.certificate is not None
     job = held.job
@@ -142,17 +164,21 @@ def _plan_seeded(session: Session, held: Held, record: SolveRecord, solution_id:
         record.trajectory.delta_v_km_s,
         record.trajectory.time_of_flight_days,
     )
-    for row, owner in _fed(session, held):
+    for row, owner in _takers(session, work):
         search = search_spec(owner, row)
         if search.seeds is None or not search.is_immediate or row.state in ENDED:
             continue
         is_good = record.certificate.strict or search.seeds.tolerance == "paper"
         if is_good and not is_used_up(session, search, row):
             if add_jobs(session, search, row, plan.map_jobs(spec_of(owner), search, seed), now):
-                held.fed[row.id] = row, owner
+                work.fed[row.id] = row, owner
 
 
-def _fed(session: Session, held: Held) -> Sequence[Any]:
+def _takers(session: Session, work: Worked) -> Sequence[tuple[SearchRow, CampaignRow]]:
     """Return the searches that take seeds of this one, with their campaigns: another may feed on it."""
-    found: Sequence[Any] = session.execute(_FED, {"source_id": held.search.id}).all()
-    return found
+    if work.takers is None:
+        # What is pending says nothing about them, and is stored together at the end.
+        with session.no_autoflush:
+            found = session.execute(_FED, {"source_id": work.search.id})
+            work.takers = [(row, owner) for row, owner in found]
+    return work.takers

@@ -1,11 +1,13 @@
 """Problems and jobs, as lists."""
 
-from sqlalchemy import Select, select
-from sqlalchemy.orm import Session
+from sqlalchemy import Select, literal, select, true, union_all
+from sqlalchemy.orm import Session, aliased
 
 from service.api.schemas import JobPage, JobView, OutageView, ProblemItem, ProblemPage, ProblemView
-from service.db.tables import AttemptRow, JobRow, ProblemRow, SearchRow
+from service.db.tables import JOB_STATES, AttemptRow, JobRow, ProblemRow, SearchRow
 from service.store.errors import UnknownRow
+
+_Next, _Each = aliased(JobRow), aliased(JobRow)
 
 
 def list_problems(session: Session, limit: int = 200) -> ProblemPage:
@@ -32,14 +34,32 @@ def list_jobs(
 ) -> JobPage:
     """Return a page of jobs in order of id."""
     query = _jobs().where(JobRow.id > after).order_by(JobRow.id).limit(limit + 1)
-    if campaign is not None:
-        query = query.where(SearchRow.campaign_id == campaign)
-    if search is not None:
-        query = query.where(SearchRow.name == search)
-    if state is not None:
-        query = query.where(JobRow.state == state)
+    if campaign is not None or search is not None or state is not None:
+        query = query.where(JobRow.id.in_(_next_of_each(campaign, search, state, limit + 1, after)))
     jobs = [_job(*row) for row in session.execute(query)]
     return JobPage(items=jobs[:limit], next=jobs[limit - 1].id if len(jobs) > limit else None)
+
+
+def _next_of_each(
+    campaign: int | None, search: str | None, state: str | None, number: int, after: int
+) -> Select[int]:
+    """Return the next jobs of each search in each state, among which are the next of all of them.
+
+    A search has its jobs by state in an index; without it one page might take a walk over all jobs.
+    """
+    names = JOB_STATES if state is None else (state,)
+    states = union_all(*(select(literal(name).label("state")) for name in names)).subquery("wanted")
+    following = (
+        select(_Next.id)
+        .where(_Next.search_id == SearchRow.id, _Next.state == states.c.state, _Next.id > after)
+        .order_by(_Next.id)
+        .limit(number)
+        .correlate(SearchRow, states)
+    )
+    found = select(_Each.id).select_from(SearchRow).join(states, true()).join(_Each, _Each.id.in_(following))
+    if campaign is not None:
+        found = found.where(SearchRow.campaign_id == campaign)
+    return found if search is None else found.where(SearchRow.name == search)
 
 
 def get_job(session: Session, job_id: int) -> JobView:

@@ -1,6 +1,6 @@
 """Handing out jobs: whose turn it is, and the lease that begins."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 from sqlalchemy import bindparam, func, insert, literal_column, select
@@ -33,6 +33,10 @@ _QUEUE = (
     .with_for_update(of=JobRow, skip_locked=True)
 )
 _ATTEMPT = insert(plain(AttemptRow))
+_SOLUTION = plain(SolutionRow).c
+_SEEDS = select(_SOLUTION.id, _SOLUTION.problem_hash, _SOLUTION.x).where(
+    _SOLUTION.id.in_(bindparam("ids", expanding=True))
+)
 
 
 class _Turn(NamedTuple):
@@ -63,7 +67,8 @@ def claim(
 
     shares = [_share(search, owner, n_running) for search, owner, n_running in found.values()]
     turns = in_turn(shares, take, n_jobs)
-    claims = [_claimed(session, turn, worker, now, lease_s) for turn in turns]
+    seeds = _seeds(session, turns)
+    claims = [_claimed(session, turn, seeds, worker, now, lease_s) for turn in turns]
     if claims:
         attempts = [(claim.job_id, claim.attempt) for claim in claims]
         rows = [{"job_id": i, "attempt": n, "worker": worker, "started_at": now} for i, n in attempts]
@@ -82,14 +87,24 @@ def _share(search: SearchRow, campaign: CampaignRow, n_running: int) -> Share:
     )
 
 
-def _claimed(session: Session, turn: _Turn, worker: str, now: float, lease_s: float) -> Claim:
+def _seeds(session: Session, turns: Sequence[_Turn]) -> dict[str, Any]:
+    """Return problems and vectors of the seeds of jobs."""
+    wanted = [turn.job.seed_id for turn in turns if turn.job.seed_id is not None]
+    if not wanted:
+        return {}
+    return {row.id: row for row in session.connection().execute(_SEEDS, {"ids": wanted})}
+
+
+def _claimed(
+    session: Session, turn: _Turn, seeds: dict[str, Any], worker: str, now: float, lease_s: float
+) -> Claim:
     job = turn.job
     job.state, job.attempt, job.worker = "running", job.attempt + 1, worker
     job.lease_until, job.updated_at = now + lease_s, now
-    return Claim(job_id=job.id, attempt=job.attempt, job=_message(session, turn))
+    return Claim(job_id=job.id, attempt=job.attempt, job=_message(session, turn, seeds))
 
 
-def _message(session: Session, turn: _Turn) -> HopJob | MapJob:
+def _message(session: Session, turn: _Turn, seeds: dict[str, Any]) -> HopJob | MapJob:
     job, problem_hash, search, campaign = turn
     spec = search_spec(campaign, search)
     chain = int(job.chain, 16)
@@ -101,7 +116,7 @@ def _message(session: Session, turn: _Turn) -> HopJob | MapJob:
     }
     if job.seed_id is None:
         return HopJob(**shared, n_hops=job.n_hops, laws=spec.laws)
-    seed = session.get_one(SolutionRow, job.seed_id)
+    seed = seeds[job.seed_id]
     return MapJob(
         **shared,
         seed_id=seed.id,

@@ -1,6 +1,7 @@
-"""Taking back outcomes, each in one transaction behind the fence."""
+"""Taking back outcomes behind the fence: what follows from one is stored with it or not at all."""
 
 import logging
+from collections.abc import Sequence
 from typing import Any, cast
 
 from sqlalchemy import bindparam, update
@@ -13,14 +14,18 @@ from service.db.tables import AttemptRow, JobRow, ProvenanceRow, SearchRow
 from service.logs import say
 from service.scheduler import plan
 from service.scheduler.leases import backoff_s
-from service.store import archive
+from service.store.archive import add_solve
 from service.store.errors import StoreError, UnknownRow
-from service.store.events import note_job
-from service.store.held import Held, find_held
+from service.store.events import noted_job, store
+from service.store.held import Held, Worked, find_held
 from service.store.submission import go_on_after
+from service.store.tallies import Counts
 from workers.dispatcher import StaleAttempt
 from workers.executor import Ticket
-from workers.job import CompleteAnswer, Ending, JobOutcome, SolveRecord
+from workers.job import CompleteAnswer, Ending, JobOutcome
+
+#: What comes back from a worker.
+Report = tuple[Ticket, JobOutcome]
 
 RESULTS = (Ending.FEASIBLE, Ending.INFEASIBLE, Ending.NUMERICAL, Ending.TIMEOUT)
 #: Endings that say nothing about the job itself: it may run again.
@@ -41,26 +46,49 @@ _CHARGE = (
 )
 
 
-def complete(session: Session, ticket: Ticket, outcome: JobOutcome, now: float) -> CompleteAnswer:
-    """Store an outcome, its solutions, their links and what follows from them, or refuse a late one.
+def complete(session: Session, reports: Sequence[Report], now: float) -> list[CompleteAnswer]:
+    """Store outcomes, their solutions, their links and what follows from them, or refuse all with a late one.
 
     A report that was accepted before gets the stored answer, and changes nothing.
     """
-    held = find_held(session, ticket)
-    if held is None:
-        return _stored_answer(session, ticket)
+    held = find_held(session, [ticket for ticket, _ in reports])
+    worked: dict[int, Worked] = {}
+    counts = Counts()
+    answers: list[CompleteAnswer] = []
+    for ticket, outcome in reports:
+        # The same report twice finds nothing the second time.
+        mine = held.pop(ticket, None)
+        if mine is None:
+            answers.append(_stored_answer(session, ticket))
+            continue
+        work = worked.setdefault(mine.search.id, Worked(mine.search, mine.campaign))
+        _take_back(session, mine, work, outcome, counts, now)
+        answers.append(_answer(ticket, mine.job.state))
+    for work in worked.values():
+        _charge(session, work)
+    counts.store(session)
+    store(session, [event for work in worked.values() for event in work.events])
+    for work in worked.values():
+        go_on_after(session, work, now)
+    return answers
+
+
+def _take_back(
+    session: Session, held: Held, work: Worked, outcome: JobOutcome, counts: Counts, now: float
+) -> None:
     job = held.job
     try:
-        records = [record for record in outcome.solves if archive.add_solve(session, held, record, now)]
+        for record in outcome.solves:
+            add_solve(session, held, work, record, counts, now)
     except ValueError as error:
         raise StoreError(f"job {job.id}: {error}") from error
-    _count(session, held.search, records)
     end_attempt(job, outcome.ending, now)
-    _close_attempt(session, held.attempt, outcome, job.state, now)
-    note_job(session, held.search, job, now)
-    go_on_after(session, held, now)
+    _close_attempt(session, held.attempt, work, outcome, job.state, now)
+    counts.add(job.search_id, "attempt", outcome.ending.value)
+    if job.state == "done":
+        counts.add(job.search_id, "job", "done")
+    work.events.append(noted_job(held.search, job, now))
     _log(session, held, outcome.ending)
-    return _answer(ticket, job.state)
 
 
 def _log(session: Session, held: Held, ending: Ending) -> None:
@@ -86,15 +114,13 @@ def _answer(ticket: Ticket, state: str) -> CompleteAnswer:
     return CompleteAnswer(job_id=ticket.job_id, attempt=ticket.attempt, state=cast(Any, state))
 
 
-def _count(session: Session, search: SearchRow, records: list[SolveRecord]) -> None:
+def _charge(session: Session, work: Worked) -> None:
     """Charge a search with the solves that are new in the archive."""
-    if not records:
+    if not work.n_solves:
         return
-    seconds = sum(record.cpu_seconds for record in records)
-    # Added by the database: with PostgreSQL another coordinator may be adding at the same time.
-    charged = {"row": search.id, "number": len(records), "seconds": seconds}
+    charged = {"row": work.search.id, "number": work.n_solves, "seconds": work.cpu_seconds}
     for name, total in session.connection().execute(_CHARGE, charged).one()._mapping.items():
-        set_committed_value(search, name, total)
+        set_committed_value(work.search, name, total)
 
 
 def end_attempt(job: JobRow, ending: Ending, now: float) -> None:
@@ -116,18 +142,20 @@ def _state_after(job: JobRow, ending: Ending) -> str:
 
 
 def _close_attempt(
-    session: Session, attempt: AttemptRow, outcome: JobOutcome, next_state: str, now: float
+    session: Session, attempt: AttemptRow, work: Worked, outcome: JobOutcome, next_state: str, now: float
 ) -> None:
     attempt.ended_at, attempt.ending, attempt.next_state = now, outcome.ending.value, next_state
     # PostgreSQL has no place for a NUL, which the last words of a process may hold.
     attempt.error = outcome.error and outcome.error.replace("\0", "\ufffd")
-    attempt.provenance_hash = _provenance(session, outcome)
+    attempt.provenance_hash = _provenance(session, work, outcome)
 
 
-def _provenance(session: Session, outcome: JobOutcome) -> str | None:
+def _provenance(session: Session, work: Worked, outcome: JobOutcome) -> str | None:
     if outcome.provenance is None:
         return None
-    content = outcome.provenance.model_dump(mode="json")
-    key = content_hash(content)
-    insert_new(session, ProvenanceRow, {"hash": key, "content": content})
-    return key
+    text = outcome.provenance.model_dump_json()
+    if text not in work.provenances:
+        content = outcome.provenance.model_dump(mode="json")
+        work.provenances[text] = content_hash(content)
+        insert_new(session, ProvenanceRow, {"hash": work.provenances[text], "content": content})
+    return work.provenances[text]

@@ -14,15 +14,30 @@ _NOTE = insert(plain(EventRow))
 
 def note(session: Session, campaign_id: int, kind: str, now: float, **data: Any) -> None:
     """Write an event in the transaction of what happened."""
+    store(session, [noted(campaign_id, kind, now, **data)])
+
+
+def noted(campaign_id: int, kind: str, now: float, **data: Any) -> dict[str, Any]:
+    """Return an event that is to be stored with others."""
+    return {"campaign_id": campaign_id, "kind": kind, "data": data, "created_at": now}
+
+
+def store(session: Session, events: list[dict[str, Any]]) -> None:
+    """Write events in their order."""
     flush_new(session)
-    row = {"campaign_id": campaign_id, "kind": kind, "data": data, "created_at": now}
-    session.connection().execute(_NOTE, row)
+    if events:
+        session.connection().execute(_NOTE, events)
 
 
 def note_job(session: Session, search: SearchRow, job: JobRow, now: float) -> None:
     """Write the event of a job that got another state."""
+    store(session, [noted_job(search, job, now)])
+
+
+def noted_job(search: SearchRow, job: JobRow, now: float) -> dict[str, Any]:
+    """Return the event of a job that got another state, to be stored with others."""
     data = {"job_id": job.id, "search": search.name, "search_id": search.id}
-    note(session, search.campaign_id, "job", now, **data, state=job.state, ending=job.ending)
+    return noted(search.campaign_id, "job", now, **data, state=job.state, ending=job.ending)
 
 
 def note_search(session: Session, search: SearchRow, now: float) -> None:

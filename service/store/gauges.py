@@ -1,34 +1,21 @@
 """What operators watch: how much waits, how old it is, how it ends, and how large the archive grows.
 
-All of it is read from the tables when it is asked for, so that a restart loses nothing.  Sums over tables
-that only grow are kept and brought up to date; what must be counted anew is kept for a while.
+All of it is read from the tables when it is asked for, so that a restart loses nothing.
 """
 
-import threading
-from collections import Counter, defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import func, select, text
+from sqlalchemy import func, select, text, true
 from sqlalchemy.orm import Session
 
 from service.db.counts import counted
 from service.db.dialect import VERSION_TABLE, read_version
 from service.db.engine import Database, DatabaseError
-from service.db.tables import (
-    SCHEMA_VERSION,
-    AttemptRow,
-    CampaignRow,
-    JobRow,
-    SolutionRow,
-    SolveRow,
-    WorkerRow,
-)
-
-#: How long counts of whole tables are kept [s]: with a million rows each takes a good part of a second.
-KEPT_S = 10.0
+from service.db.tables import SCHEMA_VERSION, CampaignRow, JobRow, WorkerRow
+from service.store.tallies import job_states, summed, totals
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,11 +43,6 @@ class Gauges:
         self._database = database
         self._clock = clock
         self._lease_s = lease_s
-        self._lock = threading.Lock()
-        self._last_solve = 0
-        self._n_solves: Counter[str] = Counter()
-        self._solve_seconds: defaultdict[str, float] = defaultdict(float)
-        self._kept: dict[str, tuple[float, dict[str, int]]] = {}
 
     @property
     def write_times(self) -> tuple[list[int], float, int]:
@@ -69,21 +51,19 @@ class Gauges:
 
     def read(self) -> Reading:
         """Return all gauges."""
-        with self._lock, self._database.read() as session:
+        with self._database.read() as session:
             now = self._clock()
-            self._add_solves(session)
             n_workers, n_slots = _workers(session, now - self._lease_s)
-            counts = {
-                name: self._counted(name, now, session, query)
-                for name, query in (("jobs", _jobs), ("attempts", _attempts), ("solutions", _solutions))
-            }
+            jobs = summed(job_states(session, true()).values())
+            attempts, solves = totals(session, "attempt"), totals(session, "solve")
             return Reading(
-                jobs=counts["jobs"],
+                jobs=jobs,
                 campaigns=counted(session, _by(CampaignRow.state)),
-                attempts=counts["attempts"],
-                solves=dict(self._n_solves),
-                solve_seconds=dict(self._solve_seconds),
-                n_solutions=counts["solutions"][""],
+                attempts={name: number for name, (number, _) in attempts.items()}
+                | {"open": jobs.get("running", 0)},
+                solves={name: number for name, (number, _) in solves.items()},
+                solve_seconds={name: seconds for name, (_, seconds) in solves.items()},
+                n_solutions=totals(session, "solution").get("archive", (0, 0.0))[0],
                 n_workers=n_workers,
                 n_slots=n_slots,
                 oldest_lease_s=_oldest_lease_s(session, now, self._lease_s),
@@ -95,43 +75,9 @@ class Gauges:
         with self._database.read() as session:
             return _workers(session, self._clock() - self._lease_s)[0]
 
-    def _add_solves(self, session: Session) -> None:
-        # A solve is stored once and never changed, and the one writer stores them in order of id.
-        last = session.scalar(select(func.max(SolveRow.id))) or 0
-        query = (
-            select(SolveRow.ending, func.count(), func.sum(SolveRow.cpu_seconds))
-            .where(SolveRow.id > self._last_solve, SolveRow.id <= last)
-            .group_by(SolveRow.ending)
-        )
-        for ending, number, seconds in session.execute(query):
-            self._n_solves[ending] += number
-            self._solve_seconds[ending] += seconds
-        self._last_solve = last
-
-    def _counted(
-        self, name: str, now: float, session: Session, query: Callable[[Session], dict[str, int]]
-    ) -> dict[str, int]:
-        until, counts = self._kept.get(name, (0.0, {}))
-        if now >= until:
-            counts = query(session)
-            self._kept[name] = (now + KEPT_S, counts)
-        return counts
-
 
 def _by(column: Any) -> Any:
     return select(column, func.count()).group_by(column)
-
-
-def _jobs(session: Session) -> dict[str, int]:
-    return counted(session, _by(JobRow.state))
-
-
-def _attempts(session: Session) -> dict[str, int]:
-    return counted(session, _by(func.coalesce(AttemptRow.ending, "open")))
-
-
-def _solutions(session: Session) -> dict[str, int]:
-    return {"": session.scalar(select(func.count()).select_from(SolutionRow)) or 0}
 
 
 def _workers(session: Session, since: float) -> tuple[int, int]:

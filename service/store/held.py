@@ -1,8 +1,10 @@
 """An attempt that still holds its job, with all that taking back its outcome needs, read at once."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
-from sqlalchemy import bindparam, select
+from sqlalchemy import bindparam, select, tuple_
 from sqlalchemy.orm import Session
 
 from service.db.tables import AttemptRow, CampaignRow, CaseRow, JobRow, SearchRow
@@ -18,7 +20,23 @@ class Held:
     search: SearchRow
     campaign: CampaignRow
     problem_hash: str
-    #: Searches, with their campaigns, that its solutions have given jobs.
+
+
+@dataclass(slots=True)
+class Worked:
+    """What one transaction has done to a search."""
+
+    search: SearchRow
+    campaign: CampaignRow
+    #: Solves that are new in the archive, and their processor time [s].
+    n_solves: int = 0
+    cpu_seconds: float = 0.0
+    events: list[dict[str, Any]] = field(default_factory=list)
+    #: Hashes of the provenances that are stored, by their text.
+    provenances: dict[str, str] = field(default_factory=dict)
+    #: The searches that take its seeds, with their campaigns, once somebody has asked.
+    takers: Sequence[tuple[SearchRow, CampaignRow]] | None = None
+    #: Those of them that its solutions have given jobs.
     fed: dict[int, tuple[SearchRow, CampaignRow]] = field(default_factory=dict)
 
 
@@ -28,15 +46,20 @@ _HELD = (
     .join(SearchRow, SearchRow.id == JobRow.search_id)
     .join(CampaignRow, CampaignRow.id == SearchRow.campaign_id)
     .join(CaseRow, (CaseRow.search_id == JobRow.search_id) & (CaseRow.position == JobRow.case_index))
-    .where(
-        JobRow.id == bindparam("job_id"), JobRow.attempt == bindparam("attempt"), JobRow.state == "running"
-    )
-    # The fence: on PostgreSQL nobody else gets the row before this transaction ends; SQLite has one writer.
+    # By id, so that the index is used; then by what fences.
+    .where(JobRow.id.in_(bindparam("job_ids", expanding=True)))
+    .where(tuple_(JobRow.id, JobRow.attempt).in_(bindparam("tickets", expanding=True)))
+    .where(JobRow.state == "running")
+    # The fence: nobody else writes before this transaction ends.
     .with_for_update(of=JobRow)
 )
 
 
-def find_held(session: Session, ticket: Ticket) -> Held | None:
-    """Return what an attempt holds, or None where it no longer holds its job."""
-    found = session.execute(_HELD, ticket._asdict()).first()
-    return None if found is None else Held(*found)
+def find_held(session: Session, tickets: Sequence[Ticket]) -> dict[Ticket, Held]:
+    """Return what attempts hold; those that no longer hold their jobs are not among them."""
+    wanted = {
+        "job_ids": [ticket.job_id for ticket in tickets],
+        "tickets": [tuple(ticket) for ticket in tickets],
+    }
+    found = (Held(*row) for row in session.execute(_HELD, wanted))
+    return {Ticket(held.job.id, held.job.attempt): held for held in found}

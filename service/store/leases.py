@@ -9,6 +9,7 @@ from service.db.tables import AttemptRow, CampaignRow, JobRow, SearchRow, Worker
 from service.store.dispatch import end_attempt
 from service.store.events import note_job
 from service.store.submission import advance
+from service.store.tallies import Counts
 from workers.executor import Ticket
 from workers.job import Ending, HeartbeatAnswer, HeldJob
 
@@ -71,8 +72,8 @@ def reap(session: Session, now: float) -> int:
         .with_for_update(skip_locked=True)
     )
     jobs = session.scalars(expired).all()
+    _log_losses(session, jobs, now)
     for job in jobs:
-        _log_loss(session, job, now)
         end_attempt(job, Ending.LOST, now)
     _go_on(session, jobs, now)
     return len(jobs)
@@ -85,8 +86,8 @@ def recover(session: Session, workers: str, now: float) -> int:
     """
     theirs = JobRow.worker.startswith(workers, autoescape=True)
     orphans = session.scalars(select(JobRow).where(JobRow.state == "running", theirs)).all()
+    _log_losses(session, orphans, now)
     for job in orphans:
-        _log_loss(session, job, now)
         job.state = "cancelled" if job.is_cancelling else "queued"
         job.lease_until, job.is_cancelling, job.updated_at = None, False, now
     _go_on(session, orphans, now)
@@ -95,10 +96,14 @@ def recover(session: Session, workers: str, now: float) -> int:
     return len(orphans)
 
 
-def _log_loss(session: Session, job: JobRow, now: float) -> None:
-    attempt = session.get_one(AttemptRow, (job.id, job.attempt))
-    attempt.ended_at, attempt.ending = now, Ending.LOST.value
-    attempt.error = f"lease: expected a heartbeat of {job.worker}, got none in time"
+def _log_losses(session: Session, jobs: Sequence[JobRow], now: float) -> None:
+    counts = Counts()
+    for job in jobs:
+        attempt = session.get_one(AttemptRow, (job.id, job.attempt))
+        attempt.ended_at, attempt.ending = now, Ending.LOST.value
+        attempt.error = f"lease: expected a heartbeat of {job.worker}, got none in time"
+        counts.add(job.search_id, "attempt", Ending.LOST.value)
+    counts.store(session)
 
 
 def _go_on(session: Session, jobs: Sequence[JobRow], now: float) -> None:

@@ -1,9 +1,10 @@
 """Campaigns and their searches in numbers."""
 
-from typing import Any, cast
+from collections.abc import Sequence
+from typing import Any, NamedTuple, cast
 
-from sqlalchemy import func, select
-from sqlalchemy.orm import Session
+from sqlalchemy import ColumnElement, func, select
+from sqlalchemy.orm import Session, aliased, load_only
 
 from service.api.schemas import (
     CampaignItem,
@@ -14,12 +15,12 @@ from service.api.schemas import (
     SearchState,
     SearchView,
 )
-from service.db.counts import counted
-from service.db.tables import CampaignRow, CaseRow, JobRow, SearchRow, SolutionRow, SolveRow
+from service.db.tables import CampaignRow, CaseRow, SearchRow, SolutionRow, SolveRow
 from service.scheduler import plan
 from service.search_spec import SearchSpec
 from service.store.errors import UnknownRow
 from service.store.specs import search_spec, spec_of
+from service.store.tallies import job_states, n_solutions, summed, tallies
 
 #: The rate is that of the last minutes, so that it follows the number of workers.
 RATE_WINDOW_S = 300.0
@@ -28,7 +29,11 @@ RATE_WINDOW_S = 300.0
 def list_campaigns(session: Session, limit: int = 200) -> list[CampaignItem]:
     """Return the campaigns, the newest first."""
     rows = session.scalars(select(CampaignRow).order_by(CampaignRow.id.desc()).limit(limit)).all()
-    return [CampaignItem(**_item(session, row)) for row in rows]
+    numbers = _numbers(session, SearchRow.campaign_id.in_([row.id for row in rows]))
+    of_campaign: dict[int, list[_Numbers]] = {row.id: [] for row in rows}
+    for one in numbers.values():
+        of_campaign[one.row.campaign_id].append(one)
+    return [CampaignItem(**_item(row, of_campaign[row.id])) for row in rows]
 
 
 def get_campaign(session: Session, campaign_id: int, now: float) -> CampaignView:
@@ -36,13 +41,13 @@ def get_campaign(session: Session, campaign_id: int, now: float) -> CampaignView
     campaign = session.get(CampaignRow, campaign_id)
     if campaign is None:
         raise UnknownRow("campaign", campaign_id)
-    rows = session.scalars(
-        select(SearchRow).where(SearchRow.campaign_id == campaign_id).order_by(SearchRow.position)
+    numbers = sorted(
+        _numbers(session, SearchRow.campaign_id == campaign_id).values(), key=lambda one: one.row.position
     )
-    searches = [_search(session, campaign, row) for row in rows]
+    searches = [_search(session, campaign, one) for one in numbers]
     rate = _rate_per_min(session, campaign, now)
     return CampaignView(
-        **_item(session, campaign),
+        **_item(campaign, numbers),
         problem=spec_of(campaign).problem.model_dump(mode="json"),
         searches=searches,
         rate_per_min=rate,
@@ -52,18 +57,48 @@ def get_campaign(session: Session, campaign_id: int, now: float) -> CampaignView
     )
 
 
-def _item(session: Session, campaign: CampaignRow) -> dict[str, Any]:
-    in_campaign = SearchRow.campaign_id == campaign.id
-    jobs = select(JobRow.state, func.count()).join(SearchRow).where(in_campaign).group_by(JobRow.state)
-    counts = counted(session, jobs)
-    solves = select(func.count(SolveRow.id), func.count(SolveRow.solution_id.distinct())).join(SearchRow)
-    n_solves, n_solutions = session.execute(solves.where(in_campaign)).one()
-    best = (
-        select(func.min(SolutionRow.delta_v_km_s))
-        .join(SolveRow, SolveRow.solution_id == SolutionRow.id)
-        .join(SearchRow, SearchRow.id == SolveRow.search_id)
-        .where(in_campaign, SolutionRow.strict)
+class _Numbers(NamedTuple):
+    """What is known of a search without looking at its jobs and solves one by one."""
+
+    row: SearchRow
+    #: By state, and by noun and name.
+    jobs: dict[str, int]
+    tallies: dict[str, dict[str, int]]
+    #: The strict solution with the most final mass.
+    best: SolutionRow | None
+
+
+def _numbers(session: Session, wanted: ColumnElement[bool]) -> dict[int, _Numbers]:
+    jobs, counted, best = job_states(session, wanted), tallies(session, wanted), _best(session, wanted)
+    rows = session.scalars(select(SearchRow).where(wanted))
+    return {row.id: _Numbers(row, jobs[row.id], counted.get(row.id, {}), best.get(row.id)) for row in rows}
+
+
+def _best(session: Session, wanted: ColumnElement[bool]) -> dict[int, SolutionRow]:
+    """Return the strict solution with the most final mass of each search that has one."""
+    again = aliased(SolveRow)
+    first = (
+        select(again.id)
+        .where(again.search_id == SearchRow.id, again.solution_id.is_not(None), again.strict)
+        .order_by(again.final_mass_kg.desc(), again.solution_id)
+        .limit(1)
+        .correlate(SearchRow)
+        .scalar_subquery()
     )
+    query = (
+        select(SearchRow.id, SolutionRow)
+        .select_from(SearchRow)
+        .join(SolveRow, SolveRow.id == first)
+        .join(SolutionRow, SolutionRow.id == SolveRow.solution_id)
+        .where(wanted)
+        .options(load_only(SolutionRow.objective_kg, SolutionRow.delta_v_km_s, SolutionRow.propellant_kg))
+    )
+    return {search_id: solution for search_id, solution in session.execute(query)}
+
+
+def _item(campaign: CampaignRow, numbers: Sequence[_Numbers]) -> dict[str, Any]:
+    counts = summed(one.jobs for one in numbers)
+    found = summed(one.tallies.get("solution", {}) for one in numbers)
     return {
         "id": campaign.id,
         "name": campaign.name,
@@ -74,19 +109,16 @@ def _item(session: Session, campaign: CampaignRow) -> dict[str, Any]:
         "rng_seed": campaign.rng_seed,
         "n_jobs": sum(counts.values()),
         "n_done": sum(counts.get(state, 0) for state in ("done", "dead", "cancelled")),
-        "n_solves": n_solves,
-        "n_solutions": n_solutions,
-        "best_delta_v_km_s": session.scalar(best),
+        "n_solves": sum(one.row.n_solves for one in numbers),
+        "n_solutions": n_solutions(found, "campaign"),
+        "best_delta_v_km_s": min((one.best.delta_v_km_s for one in numbers if one.best), default=None),
     }
 
 
-def _search(session: Session, campaign: CampaignRow, row: SearchRow) -> SearchView:
+def _search(session: Session, campaign: CampaignRow, numbers: _Numbers) -> SearchView:
+    row, counted, best = numbers.row, numbers.tallies, numbers.best
     spec = search_spec(campaign, row)
-    jobs = select(JobRow.state, func.count()).where(JobRow.search_id == row.id).group_by(JobRow.state)
-    counts = counted(session, jobs)
-    of_search = SolveRow.search_id == row.id
-    endings = select(SolveRow.ending, func.count()).where(of_search).group_by(SolveRow.ending)
-    statuses = select(SolveRow.status, func.count()).where(of_search).group_by(SolveRow.status)
+    levels = counted.get("level", {})
     return SearchView(
         id=row.id,
         name=row.name,
@@ -98,13 +130,20 @@ def _search(session: Session, campaign: CampaignRow, row: SearchRow) -> SearchVi
         cases=_cases(session, row, spec),
         mapping=", ".join(spec.mapping) if spec.seeds else None,
         seeds_from=spec.seeds.full_name if spec.seeds else None,
-        jobs=JobCounts(**counts),
+        jobs=JobCounts(**numbers.jobs),
         hops=spec.hops,
-        n_guesses_planned=plan.n_planned(spec, sum(counts.values())),
-        endings=counted(session, endings),
-        statuses=counted(session, statuses),
-        **_totals(session, row.id),
-        **_best(session, row.id),
+        n_guesses_planned=plan.n_planned(spec, row.n_planned),
+        endings=counted.get("solve", {}),
+        statuses=counted.get("status", {}),
+        n_solves=row.n_solves,
+        n_paper=levels.get("paper", 0),
+        n_strict=levels.get("strict", 0),
+        n_solutions=n_solutions(counted.get("solution", {}), "search"),
+        cpu_seconds=row.cpu_seconds,
+        best_solution_id=best.id if best else None,
+        best_delta_v_km_s=best.delta_v_km_s if best else None,
+        best_propellant_kg=best.propellant_kg if best else None,
+        best_final_mass_kg=best.objective_kg if best else None,
     )
 
 
@@ -114,35 +153,6 @@ def _cases(session: Session, row: SearchRow, spec: SearchSpec) -> list[CaseView]
         CaseView(problem_hash=problem_hash, outages=[OutageView(segment=n, duration_days=d) for n, d in case])
         for problem_hash, case in zip(session.scalars(query), spec.outage_sets, strict=True)
     ]
-
-
-def _totals(session: Session, search_id: int) -> dict[str, Any]:
-    query = select(
-        func.count(SolveRow.id).label("n_solves"),
-        func.count(SolveRow.id).filter(SolveRow.paper).label("n_paper"),
-        func.count(SolveRow.id).filter(SolveRow.strict).label("n_strict"),
-        func.count(SolveRow.solution_id.distinct()).label("n_solutions"),
-        func.coalesce(func.sum(SolveRow.cpu_seconds), 0.0).label("cpu_seconds"),
-    ).where(SolveRow.search_id == search_id)
-    return dict(session.execute(query).one()._mapping)
-
-
-def _best(session: Session, search_id: int) -> dict[str, Any]:
-    """Return the strict solution with the most final mass, in the names of a search's view."""
-    query = (
-        select(SolutionRow)
-        .join(SolveRow, SolveRow.solution_id == SolutionRow.id)
-        .where(SolveRow.search_id == search_id, SolutionRow.strict)
-        .order_by(SolutionRow.objective_kg.desc(), SolutionRow.id)
-        .limit(1)
-    )
-    best = session.scalar(query)
-    return {
-        "best_solution_id": best and best.id,
-        "best_delta_v_km_s": best and best.delta_v_km_s,
-        "best_propellant_kg": best and best.propellant_kg,
-        "best_final_mass_kg": best and best.objective_kg,
-    }
 
 
 def _rate_per_min(session: Session, campaign: CampaignRow, now: float) -> float:

@@ -3,7 +3,7 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-from sqlalchemy import ScalarSelect, func, select
+from sqlalchemy import ColumnElement, ScalarSelect, func, select, true
 from sqlalchemy.orm import Session, aliased
 
 from service.api.schemas import (
@@ -51,6 +51,8 @@ FROM_SOLVE = ("status", "n_iterations", "n_evaluations", "cpu_seconds", "wall_se
 
 #: Solves beside the one that a record shows.
 _Again = aliased(SolveRow)
+#: Solves among which a page is looked for.
+_Next, _Each, _Listed = aliased(SolveRow), aliased(SolveRow), aliased(SolutionRow)
 
 
 class _Found(NamedTuple):
@@ -75,29 +77,43 @@ class Filter:
         self.search = search
         self.strict = strict
 
-    def first_solve(self) -> ScalarSelect[int]:
-        """Return the first solve inside the filter that found the solution of the query around it."""
+    @property
+    def is_of_searches(self) -> bool:
+        """Whether it names some searches; without, all solutions there are stand in one order."""
+        return self.campaign is not None or self.search is not None
+
+    @property
+    def searches(self) -> ColumnElement[bool]:
+        """The searches that it admits."""
+        wanted: ColumnElement[bool] = true()
+        if self.campaign is not None:
+            wanted &= SearchRow.campaign_id == self.campaign
+        if self.search is not None:
+            wanted &= SearchRow.name == self.search
+        return wanted
+
+    def first_solve(self, of: Any, solution_id: Any) -> ScalarSelect[int]:
+        """Return the first solve inside the filter that found a solution, which `of` around it names."""
         query = (
             select(func.min(_Again.id))
             .join(SearchRow, SearchRow.id == _Again.search_id)
-            .where(_Again.solution_id == SolutionRow.id)
+            .where(_Again.solution_id == solution_id, self.searches)
         )
-        if self.campaign is not None:
-            query = query.where(SearchRow.campaign_id == self.campaign)
-        if self.search is not None:
-            query = query.where(SearchRow.name == self.search)
         if self.strict is not None:
             query = query.where(_Again.strict == self.strict)
-        return query.correlate(SolutionRow).scalar_subquery()
+        return query.correlate(of).scalar_subquery()
 
 
 def list_records(session: Session, wanted: Filter, limit: int, after: str | None) -> RecordPage:
     """Return a page of solutions, the most final mass first."""
+    mark = None if after is None else _read_mark(after)
     query = _records(wanted).order_by(SolutionRow.objective_kg.desc(), SolutionRow.id).limit(limit + 1)
-    if after is not None:
-        objective, key = _read_mark(after)
-        is_later = (SolutionRow.objective_kg == objective) & (SolutionRow.id > key)
-        query = query.where((SolutionRow.objective_kg < objective) | is_later)
+    if mark is not None:
+        query = query.where(_follows(mark, SolutionRow.objective_kg, SolutionRow.id))
+    if wanted.is_of_searches:
+        query = query.where(SolveRow.id.in_(_next_of_each(wanted, limit + 1, mark)))
+    else:
+        query = query.where(SolutionRow.id.in_(_next_of_all(wanted, limit + 1, mark)))
     found = _found(session, query)
     records = [_record(row) for row in found[:limit]]
     has_more = len(found) > limit
@@ -188,7 +204,7 @@ def _records(wanted: Filter) -> Any:
         .join(ProblemRow, ProblemRow.hash == SolutionRow.problem_hash)
         .join(AttemptRow, is_of_attempt)
         .join(ProvenanceRow, ProvenanceRow.hash == AttemptRow.provenance_hash)
-        .where(SolveRow.id == wanted.first_solve())
+        .where(SolveRow.id == wanted.first_solve(SolutionRow, SolutionRow.id))
     )
 
 
@@ -216,6 +232,43 @@ def _record(row: _Found) -> Record:
         defects_solved=solve.defects.reshape(-1, 7).tolist(),
         defects_verified=solution.defects.reshape(-1, 7).tolist(),
     )
+
+
+def _next_of_each(wanted: Filter, number: int, mark: tuple[float, str] | None) -> Any:
+    """Return the next solves of each search in its own order, among which are the next of all of them.
+
+    A search lists its solutions by an index; the whole archive would have to be sorted for one of its pages.
+    """
+    following = (
+        select(_Next.id)
+        .where(
+            _Next.search_id == SearchRow.id,
+            _Next.solution_id.is_not(None),
+            _Next.id == wanted.first_solve(_Next, _Next.solution_id),
+        )
+        .order_by(_Next.final_mass_kg.desc(), _Next.solution_id)
+        .limit(number)
+    )
+    if mark is not None:
+        following = following.where(_follows(mark, _Next.final_mass_kg, _Next.solution_id))
+    if wanted.strict is not None:
+        following = following.where(_Next.strict == wanted.strict)
+    following = following.correlate(SearchRow)
+    return select(_Each.id).select_from(SearchRow).join(_Each, _Each.id.in_(following)).where(wanted.searches)
+
+
+def _next_of_all(wanted: Filter, number: int, mark: tuple[float, str] | None) -> Any:
+    """Return the next solutions of the archive."""
+    following = select(_Listed.id).order_by(_Listed.objective_kg.desc(), _Listed.id).limit(number)
+    if wanted.strict is not None:
+        following = following.where(_Listed.strict == wanted.strict)
+    return following if mark is None else following.where(_follows(mark, _Listed.objective_kg, _Listed.id))
+
+
+def _follows(mark: tuple[float, str], mass: Any, key: Any) -> Any:
+    """Return whether a solution comes after the last one of a page."""
+    # The first part says less than the second, and can be looked up.
+    return (mass <= mark[0]) & ((mass < mark[0]) | (key > mark[1]))
 
 
 def _mark(record: Record) -> str:

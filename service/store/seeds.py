@@ -12,14 +12,14 @@ from sqlalchemy.orm import Session
 from core.analysis.distinct import features
 from core.problem import Problem, ProblemError, problem_from, validation_message
 from service.api.schemas import SeedPage
-from service.db.tables import CampaignRow, JobRow, ProblemRow, SearchRow, SolutionRow
+from service.db.tables import CampaignRow, CaseRow, JobRow, ProblemRow, SearchRow, SolutionRow
 from service.scheduler import plan
 from service.scheduler.plan import Candidate, PlannedJob
 from service.search_spec import SearchSpec
 from service.spec import Spec, SpecError
+from service.store.candidates import candidates
 from service.store.errors import StoreError, UnknownRow
 from service.store.specs import search_spec, spec_of
-from service.store.submission import candidates
 
 #: Pairs of a seed and a mapping in one answer, at most.
 MOST_PAIRS = 1000
@@ -151,12 +151,13 @@ def _page(
     except ValueError as error:
         raise StoreError(f"mapping: {error}") from error
     hashes = [problem.hash for problem in spec.problems_of(search)]
-    known = _planned(session, search_id)
+    known = _planned(session, search_id, {seed.id for seed, _ in pairs})
+    about = _about(session, {seed.id for seed, _ in pairs})
     items = []
     for seed, job in pairs[:MOST_PAIRS]:
         job_id, job_state = known.get((seed.id, job.case, job.mapping or ""), (None, None))
         items.append(
-            _of_seed(session, seed)
+            _of_seed(seed, *about[seed.id])
             | {"problem_hash": hashes[job.case], "outages": _listed(search.outage_sets[job.case])}
             | {"mapping": job.mapping, "job_id": job_id, "job_state": job_state}
         )
@@ -164,15 +165,21 @@ def _page(
     return SeedPage.model_validate({"items": items, "n_candidates": len(found), "is_cut": is_cut})
 
 
-def _of_seed(session: Session, seed: Candidate) -> dict[str, Any]:
-    solution = session.get_one(SolutionRow, seed.id)
+def _about(session: Session, seed_ids: set[str]) -> dict[str, tuple[str, bool]]:
+    """Return the problem of each seed, and whether it is strict."""
+    query = select(SolutionRow.id, SolutionRow.problem_hash, SolutionRow.strict)
+    found = session.execute(query.where(SolutionRow.id.in_(seed_ids)))
+    return {solution_id: (problem_hash, is_strict) for solution_id, problem_hash, is_strict in found}
+
+
+def _of_seed(seed: Candidate, problem_hash: str, is_strict: bool) -> dict[str, Any]:
     return {
         "seed_id": seed.id,
-        "seed_problem_hash": solution.problem_hash,
+        "seed_problem_hash": problem_hash,
         "seed_outages": _listed(seed.outages),
         "delta_v_km_s": seed.delta_v_km_s,
         "time_of_flight_days": seed.time_of_flight_days,
-        "strict": solution.strict,
+        "strict": is_strict,
     }
 
 
@@ -184,12 +191,18 @@ def _pairs(
             yield seed, job
 
 
-def _planned(session: Session, search_id: int | None) -> dict[tuple[str, int, str], tuple[int, str]]:
+def _planned(
+    session: Session, search_id: int | None, seed_ids: set[str]
+) -> dict[tuple[str, int, str], tuple[int, str]]:
     """Return the map jobs of a search (id, state) by seed, case and mapping."""
     if search_id is None:
         return {}
     query = select(JobRow.seed_id, JobRow.case_index, JobRow.mapping, JobRow.id, JobRow.state).where(
-        JobRow.search_id == search_id, JobRow.kind == "map"
+        JobRow.search_id == search_id,
+        JobRow.kind == "map",
+        # The chain is the hash of the seed: so the address is looked up.
+        JobRow.chain.in_(seed_ids),
+        JobRow.case_index.in_(select(CaseRow.position).where(CaseRow.search_id == search_id)),
     )
     return {
         (seed or "", case, mapping or ""): (job_id, state)

@@ -114,9 +114,11 @@ class Store:
 
     def complete(self, ticket: Ticket, outcome: JobOutcome) -> CompleteAnswer:
         """Take back an outcome; a stale one raises and changes nothing, a repeated one gets its answer."""
-        return self._database.write(
-            lambda session: dispatch.complete(session, ticket, outcome, self._clock())
-        )
+        return self.complete_many([(ticket, outcome)])[0]
+
+    def complete_many(self, reports: Sequence[tuple[Ticket, JobOutcome]]) -> list[CompleteAnswer]:
+        """Take back outcomes in one transaction; a stale one among them raises, and none is stored."""
+        return self._database.write(lambda session: dispatch.complete(session, reports, self._clock()))
 
     def reap(self) -> int:
         """Take back the jobs whose leases ran out; return how many."""

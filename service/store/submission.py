@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from sqlalchemy import bindparam, func, literal_column, select, update
 from sqlalchemy.orm import Session
 
-from core.analysis.distinct import features
 from core.problem import Problem
 from service.db.dialect import insert_new, plain
 from service.db.tables import (
@@ -14,19 +13,19 @@ from service.db.tables import (
     JobRow,
     ProblemRow,
     SearchRow,
-    SolutionRow,
     SolveRow,
     SubmissionRow,
 )
 from service.scheduler import plan
-from service.scheduler.plan import Candidate, PlannedJob, Progress
+from service.scheduler.plan import PlannedJob, Progress
 from service.scheduler.states import ENDED
 from service.search_spec import SearchSpec
 from service.spec import Spec, SpecError
+from service.store.candidates import candidates
 from service.store.errors import KeyReused
 from service.store.events import note, note_search
 from service.store.find import find_campaign
-from service.store.held import Held
+from service.store.held import Worked
 from service.store.specs import search_spec, spec_of
 
 _JOB = plain(JobRow).c
@@ -176,36 +175,36 @@ def advance(session: Session, campaign: CampaignRow, now: float) -> None:
         advance(session, other, now)
 
 
-def go_on_after(session: Session, held: Held, now: float) -> None:
-    """Do what `advance` would do after an outcome, asking only the searches that it can have changed.
+def go_on_after(session: Session, work: Worked, now: float) -> None:
+    """Do what `advance` would do after outcomes, asking only the searches that they can have changed.
 
     A campaign may have hundreds of searches; asking each of them cost more than all the rest of an outcome.
     """
-    search = held.search
+    search = work.search
     if search.state in ENDED:
-        advance(session, held.campaign, now)
+        advance(session, work.campaign, now)
         return
-    if search.state != "active" or _needs_jobs(session, held):
+    if search.state != "active" or _needs_jobs(session, work):
         session.flush()
         source = search.source_id and session.get_one(SearchRow, search.source_id)
-        _advance_search(session, held.campaign, search, not source or source.state in ENDED, now)
-    for row, owner in held.fed.values():
+        _advance_search(session, work.campaign, search, not source or source.state in ENDED, now)
+    for row, owner in work.fed.values():
         if row.state != "active":
             session.flush()
             _advance_search(session, owner, row, search.state in ENDED, now)
     if search.state in ENDED:
         # What it fed may end as well, and then the campaign.
-        advance(session, held.campaign, now)
+        advance(session, work.campaign, now)
 
 
-def _needs_jobs(session: Session, held: Held) -> bool:
+def _needs_jobs(session: Session, work: Worked) -> bool:
     """Return whether a search may want more chains now, or may be about to end."""
-    search = search_spec(held.campaign, held.search)
+    search = search_spec(work.campaign, work.search)
     if search.core_seconds is not None or search.solutions is not None:
         return True
     # Chains are planned some at a time; of a search that feeds on seeds any open job keeps it open.
     least = plan.CHAINS_AHEAD // 2 if search.seed_k is None else 1
-    ready = {"search_id": held.search.id, "before": least - 1}
+    ready = {"search_id": work.search.id, "before": least - 1}
     return session.connection().execute(_NTH_QUEUED, ready).first() is None
 
 
@@ -267,37 +266,6 @@ def _chosen_seeds(
     if plan.is_exhausted(search, progress):
         return []
     return plan.jobs_of_seeds(spec_of(campaign), search, candidates(session, campaign, row, search))
-
-
-def candidates(
-    session: Session, campaign: CampaignRow, row: SearchRow, search: SearchSpec
-) -> list[Candidate]:
-    """Return the different solutions of the source of a search, each at its first address."""
-    seeds = search.seeds
-    assert seeds is not None
-    is_good = SolveRow.strict if seeds.tolerance == "strict" else SolveRow.paper
-    query = (
-        select(SolutionRow, JobRow.case_index, JobRow.chain, SolveRow.hop)
-        .join(SolveRow, SolveRow.solution_id == SolutionRow.id)
-        .join(JobRow, JobRow.id == SolveRow.job_id)
-        .where(SolveRow.search_id == row.source_id, is_good)
-        .order_by(JobRow.case_index.desc(), JobRow.chain.desc(), SolveRow.hop.desc())
-    )
-    problem = spec_of(campaign).problem if seeds.order == "diversity" else None
-    source = session.get_one(SearchRow, row.source_id)
-    cases = search_spec(session.get_one(CampaignRow, source.campaign_id), source).outage_sets
-    found = {
-        solution.id: Candidate(
-            solution.id,
-            (case, chain, hop),
-            cases[case],
-            solution.delta_v_km_s,
-            solution.time_of_flight_days,
-            features(problem, solution.x) if problem else None,
-        )
-        for solution, case, chain, hop in session.execute(query)
-    }
-    return list(found.values())
 
 
 def add_jobs(

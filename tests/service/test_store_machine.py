@@ -13,6 +13,7 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, initialize, invariant, multiple, rule
 
+from service.db.recount import TALLIES
 from service.scheduler.states import may_change
 from service.spec import spec_from
 from service.store import Store
@@ -176,6 +177,17 @@ class StoreMachine(RuleBasedStateMachine):
             assert states[search_id] == n_planned
             mine = "SELECT count(*), coalesce(sum(cpu_seconds), 0.0) FROM solve WHERE search_id = :id"
             assert self.rows(mine, id=search_id) == [(n_solves, pytest.approx(seconds))]
+
+    @invariant()
+    def tallies_are_those_of_the_rows(self):
+        kept = {tuple(row[:3]): row[3] for row in self.rows("SELECT * FROM tally")}
+        assert kept == {tuple(row[:3]): row[3] for row in self.rows(TALLIES)}
+
+    @invariant()
+    def views_count_what_is_there(self):
+        states = Counter(row[0] for row in self.rows("SELECT state FROM job"))
+        assert self.store.gauges.read().jobs == states
+        assert sum(item.n_jobs for item in self.store.campaigns()) == states.total()
 
     @invariant()
     def a_job_has_at_most_one_accepted_result_and_its_solves_are_those(self):
