@@ -81,6 +81,7 @@ RIGHTS: dict[str, frozenset[Role] | None] = {
     f"POST {_API}/jobs/claim": WORKERS,
     f"POST {_API}/jobs/heartbeat": WORKERS,
     f"POST {_API}/jobs/complete": WORKERS,
+    f"POST {_API}/jobs/complete-many": WORKERS,
 }
 #: Answers that stay open; how many of them a token may have is limited.
 STREAMS = frozenset({f"GET {_API}/campaigns/{{}}/events"})

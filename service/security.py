@@ -35,7 +35,7 @@ ANSWER_HEADERS = {
 MAX_BODY_BYTES = 512 * 1024
 #: The same for the report of a worker: a chain of thousands of hops brings a vector for each.
 MAX_REPORT_BYTES = 64 * 1024 * 1024
-REPORT_PATH = "/api/v1/jobs/complete"
+REPORT_PATHS = ("/api/v1/jobs/complete", "/api/v1/jobs/complete-many")
 #: Longest path and query together [byte].
 MAX_TARGET_BYTES = 8 * 1024
 
@@ -105,7 +105,7 @@ def fault_of(scope: Scope, headers: Headers, access: Access) -> Fault | None:
 
 def most_bytes(path: str) -> int:
     """Return how large a body may be; it is read only after its sender's role is known."""
-    return MAX_REPORT_BYTES if path == REPORT_PATH else MAX_BODY_BYTES
+    return MAX_REPORT_BYTES if path in REPORT_PATHS else MAX_BODY_BYTES
 
 
 def is_own_origin(headers: Headers) -> bool:

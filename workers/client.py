@@ -1,4 +1,4 @@
-"""The coordinator over HTTP: one question asked once, and the source of jobs made of three of them.
+"""The coordinator over HTTP: one question asked once, and the source of jobs made of four of them.
 
 Whether and when to ask again is for whoever asks; what may be asked again is raised as `Unreachable`.
 
@@ -20,6 +20,8 @@ from workers.job import (
     ClaimAnswer,
     ClaimRequest,
     CompleteAnswer,
+    CompleteManyAnswer,
+    CompleteManyRequest,
     CompleteRequest,
     HeartbeatAnswer,
     HeartbeatRequest,
@@ -153,8 +155,15 @@ class HttpSource:
 
     def complete(self, request: CompleteRequest) -> CompleteAnswer:
         """Report an outcome."""
+        return self._report("complete", request, CompleteAnswer)
+
+    def complete_many(self, request: CompleteManyRequest) -> CompleteManyAnswer:
+        """Report several outcomes; none is taken if this raises."""
+        return self._report("complete-many", request, CompleteManyAnswer)
+
+    def _report(self, verb: str, request: BaseModel, answer: type[A]) -> A:
         try:
-            return self._ask("complete", request, CompleteAnswer)
+            return self._ask(verb, request, answer)
         except Rejected as error:
             raise Unacceptable(str(error)) from error
 
@@ -164,7 +173,7 @@ class HttpSource:
         except Rejected as error:
             if error.code == "stale_attempt":
                 raise StaleAttempt(str(error)) from error
-            if verb == "complete" and error.status in (404, 413, 422):
+            if verb.startswith("complete") and error.status in (404, 413, 422):
                 raise
             raise Refused(str(error)) from error
 

@@ -14,8 +14,10 @@ from workers.backoff import Backoff
 from workers.executor import Executor, ExecutorError, Finished, Ticket
 from workers.heartbeat import Heartbeat
 from workers.job import (
+    MOST_REPORTS,
     ClaimAnswer,
     ClaimRequest,
+    CompleteManyRequest,
     CompleteRequest,
     Ending,
     JobOutcome,
@@ -157,6 +159,8 @@ class Dispatcher:
         self._disowned.discard(ticket)
 
     def _report(self) -> None:
+        if len(self._unreported) > 1 and self._line.is_due():
+            self._report_many()
         for ticket in list(self._unreported):
             if not self._line.is_due():
                 return
@@ -165,11 +169,26 @@ class Dispatcher:
             except Unreachable as error:
                 self._wait(error)
 
-    def _send(self, ticket: Ticket) -> None:
-        outcome = self._unreported[ticket]
-        request = CompleteRequest(job_id=ticket.job_id, attempt=ticket.attempt, outcome=outcome)
+    def _report_many(self) -> None:
+        tickets = list(self._unreported)[:MOST_REPORTS]
         try:
-            self._source.complete(request)
+            self._source.complete_many(CompleteManyRequest(reports=tuple(map(self._request, tickets))))
+        except (Faulty, Unacceptable, StaleAttempt):
+            # None was taken.  Sent one by one, they tell which of them it is.
+            return
+        except Unreachable as error:
+            self._wait(error)
+        else:
+            for ticket in tickets:
+                self._settle(ticket)
+
+    def _request(self, ticket: Ticket) -> CompleteRequest:
+        outcome = self._unreported[ticket]
+        return CompleteRequest(job_id=ticket.job_id, attempt=ticket.attempt, outcome=outcome)
+
+    def _send(self, ticket: Ticket) -> None:
+        try:
+            self._source.complete(self._request(ticket))
         except Faulty as error:
             self._n_faults[ticket] += 1
             if self._n_faults[ticket] < MOST_FAULTS:

@@ -280,6 +280,16 @@ class CompleteRequest(Message):
     outcome: JobOutcome
 
 
+#: The reports of one request, at most.
+MOST_REPORTS = 100
+
+
+class CompleteManyRequest(Message):
+    """How several attempts ended."""
+
+    reports: Annotated[tuple[CompleteRequest, ...], Field(min_length=1, max_length=MOST_REPORTS)]
+
+
 class CompleteAnswer(Message):
     """What the coordinator made of a report; the same report again gets the same answer."""
 
@@ -287,3 +297,9 @@ class CompleteAnswer(Message):
     attempt: int
     #: The state that the job got by this report.
     state: Literal["done", "queued", "dead", "cancelled"]
+
+
+class CompleteManyAnswer(Message):
+    """What the coordinator made of several reports, in their order."""
+
+    answers: tuple[CompleteAnswer, ...]

@@ -1,4 +1,4 @@
-"""Where jobs come from: the coordinator, behind three calls that carry messages of `workers.job` alone.
+"""Where jobs come from: the coordinator, behind four calls that carry messages of `workers.job` alone.
 
 SourceError(RuntimeError)   a source that did not do what it was asked
 Unreachable             no answer now; the same may be asked again
@@ -14,6 +14,8 @@ from workers.job import (
     ClaimAnswer,
     ClaimRequest,
     CompleteAnswer,
+    CompleteManyAnswer,
+    CompleteManyRequest,
     CompleteRequest,
     HeartbeatAnswer,
     HeartbeatRequest,
@@ -49,7 +51,7 @@ class StaleAttempt(SourceError):
 
 
 class JobSource(Protocol):
-    """Three calls, each of which may be repeated when its answer got lost, and each raises `SourceError`."""
+    """Four calls, each of which may be repeated when its answer got lost, and each raises `SourceError`."""
 
     def claim(self, request: ClaimRequest) -> ClaimAnswer:
         """Return jobs, which are then this worker's for the time of a lease."""
@@ -59,3 +61,6 @@ class JobSource(Protocol):
 
     def complete(self, request: CompleteRequest) -> CompleteAnswer:
         """Report an outcome."""
+
+    def complete_many(self, request: CompleteManyRequest) -> CompleteManyAnswer:
+        """Report several outcomes; all are taken, or what is raised holds for one of them and none is."""

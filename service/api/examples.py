@@ -5,7 +5,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from service.api import identity_schemas, schemas
-from workers.job import ClaimAnswer, CompleteAnswer, HeartbeatAnswer
+from workers.job import ClaimAnswer, CompleteAnswer, CompleteManyAnswer, HeartbeatAnswer
 
 SOLUTION = "63dd0ec3a1b24c7f9e5d8b6a4f2c1e07"
 SEED = "1b7e9c50d3f84a6286e0b5c7d9f1a324"
@@ -226,6 +226,7 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
     ClaimAnswer: {"claims": [HELD | {"job": HOP_JOB}], "lease_s": 30.0, "heartbeat_s": 10.0},
     HeartbeatAnswer: {"extended": [HELD], "to_cancel": [], "not_held": []},
     CompleteAnswer: HELD | {"state": "done"},
+    CompleteManyAnswer: {"answers": [HELD | {"state": "done"}]},
 }
 _TRACK = {
     "inertial_km": [[-163000, 1200, 8]],

@@ -16,6 +16,8 @@ from workers.job import (
     ClaimAnswer,
     ClaimRequest,
     CompleteAnswer,
+    CompleteManyAnswer,
+    CompleteManyRequest,
     CompleteRequest,
     HeartbeatAnswer,
     HeartbeatRequest,
@@ -97,6 +99,21 @@ def complete_job(
     An attempt that no longer holds the job changes nothing (409, `stale_attempt`).
     """
     return store.complete(Ticket(request.job_id, request.attempt), request.outcome)
+
+
+@router.post("/jobs/complete-many", responses=CONFLICT)
+def complete_jobs(
+    request: Annotated[
+        CompleteManyRequest, Body(openapi_examples={"a crash": {"value": {"reports": [COMPLETE]}}})
+    ],
+    store: StoreHere,
+) -> CompleteManyAnswer:
+    """Take back several outcomes at once, which costs less than one by one.
+
+    If one of them is refused, none is stored; sent one by one, the others are taken.
+    """
+    reports = [(Ticket(one.job_id, one.attempt), one.outcome) for one in request.reports]
+    return CompleteManyAnswer(answers=tuple(store.complete_many(reports)))
 
 
 @router.post("/jobs/{job_id}/cancel", responses=CONFLICT)

@@ -11,14 +11,17 @@ _COUNTS = (
     "SELECT search_id, 'status', status, count(*), 0.0 FROM solve GROUP BY search_id, status",
     "SELECT search_id, 'level', 'paper', count(*), 0.0 FROM solve WHERE paper GROUP BY search_id",
     "SELECT search_id, 'level', 'strict', count(*), 0.0 FROM solve WHERE strict GROUP BY search_id",
-    "SELECT search_id, 'solution', scope, count(*), 0.0 FROM (SELECT s.search_id, CASE "
-    "WHEN NOT EXISTS (SELECT 1 FROM solve o WHERE o.solution_id = s.solution_id AND o.id < s.id) "
-    "THEN 'archive' WHEN NOT EXISTS (SELECT 1 FROM solve o JOIN search b ON b.id = o.search_id "
-    "WHERE o.solution_id = s.solution_id AND o.id < s.id AND b.campaign_id = a.campaign_id) "
-    "THEN 'campaign' ELSE 'search' END AS scope FROM solve s JOIN search a ON a.id = s.search_id "
-    "WHERE s.solution_id IS NOT NULL AND NOT EXISTS (SELECT 1 FROM solve o WHERE "
-    "o.solution_id = s.solution_id AND o.id < s.id AND o.search_id = s.search_id)) AS first "
-    "GROUP BY search_id, scope",
+    *(
+        f"SELECT search_id, '{noun}', scope, count(*), 0.0 FROM (SELECT s.search_id, CASE "
+        "WHEN NOT EXISTS (SELECT 1 FROM solve o WHERE o.solution_id = s.solution_id AND o.id < s.id) "
+        "THEN 'archive' WHEN NOT EXISTS (SELECT 1 FROM solve o JOIN search b ON b.id = o.search_id "
+        "WHERE o.solution_id = s.solution_id AND o.id < s.id AND b.campaign_id = a.campaign_id) "
+        "THEN 'campaign' ELSE 'search' END AS scope FROM solve s JOIN search a ON a.id = s.search_id "
+        f"WHERE s.solution_id IS NOT NULL {more} AND NOT EXISTS (SELECT 1 FROM solve o WHERE "
+        "o.solution_id = s.solution_id AND o.id < s.id AND o.search_id = s.search_id)) AS first "
+        "GROUP BY search_id, scope"
+        for noun, more in (("solution", ""), ("strict", "AND s.strict"))
+    ),
 )
 #: (search_id, noun, name, number, cpu_seconds), each solution counted where a solve found it first.
 TALLIES = " UNION ALL ".join(_COUNTS)

@@ -22,7 +22,7 @@ SCHEMA_VERSION = 3
 CAMPAIGN_STATES, SEARCH_STATES, JOB_STATES = (tuple(TRANSITIONS[n]) for n in ("campaign", "search", "job"))
 ENDINGS = tuple(ending.value for ending in Ending)
 #: What tallies are of.
-TALLIED = ("attempt", "job", "solve", "status", "level", "solution")
+TALLIED = ("attempt", "job", "solve", "status", "level", "solution", "strict")
 
 
 def _one_of(column: str, names: tuple[str, ...]) -> CheckConstraint:

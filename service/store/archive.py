@@ -84,6 +84,8 @@ def _count(counts: Counts, search_id: int, record: SolveRecord, scope: str | Non
             counts.add(search_id, "level", level)
     if scope is not None:
         counts.add(search_id, "solution", scope)
+        if record.certificate is not None and record.certificate.strict:
+            counts.add(search_id, "strict", scope)
 
 
 def _solve_values(job: JobRow, record: SolveRecord, solution_id: str | None, now: float) -> dict[str, Any]:

@@ -8,6 +8,7 @@
 | status   | status of a solve                                             |
 | level    | `paper`, `strict`: solves that reach it                       |
 | solution | where nobody had found it before: see `scope_of`              |
+| strict   | the same, of solutions that are strict                        |
 """
 
 from collections import Counter, defaultdict

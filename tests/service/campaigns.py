@@ -8,7 +8,7 @@ from tests.workers.jobs import worker_info
 from workers.dispatcher import Dispatcher
 from workers.executor import Ticket
 from workers.inline import Inline
-from workers.job import ClaimAnswer
+from workers.job import ClaimAnswer, CompleteManyAnswer
 
 OUTAGE = {"segment": 24, "duration_days": 1.0}
 #: Nine days of spiral, for which there may be propellant.
@@ -58,6 +58,10 @@ class StoreSource:
 
     def complete(self, request):
         return self._store.complete(Ticket(request.job_id, request.attempt), request.outcome)
+
+    def complete_many(self, request):
+        reports = [(Ticket(one.job_id, one.attempt), one.outcome) for one in request.reports]
+        return CompleteManyAnswer(answers=tuple(self._store.complete_many(reports)))
 
 
 def dispatcher_on(store: Store, executor) -> Dispatcher:

@@ -12,7 +12,15 @@ from workers.backoff import Backoff
 from workers.dispatcher import Dispatcher, StaleAttempt
 from workers.executor import ExecutorLost, Ticket
 from workers.inline import Inline
-from workers.job import Claim, ClaimAnswer, CompleteAnswer, Ending, HeartbeatAnswer, wall_limit_s
+from workers.job import (
+    Claim,
+    ClaimAnswer,
+    CompleteAnswer,
+    CompleteManyAnswer,
+    Ending,
+    HeartbeatAnswer,
+    wall_limit_s,
+)
 from workers.process_pool import ProcessPool
 from workers.source import Faulty, Unacceptable, Unreachable
 
@@ -48,6 +56,15 @@ class ListSource:
         assert ticket not in self.reported
         self.reported[ticket] = request.outcome
         return CompleteAnswer(job_id=request.job_id, attempt=request.attempt, state="done")
+
+    def complete_many(self, request):
+        before = dict(self.reported)
+        try:
+            return CompleteManyAnswer(answers=tuple(map(self.complete, request.reports)))
+        except Exception:
+            # All or none.
+            self.reported = before
+            raise
 
 
 class DeafSource(ListSource):
@@ -202,3 +219,21 @@ def test_a_hop_that_is_slow_is_not_taken_for_hung():
     job = hop_job(n_hops=3, settings={"cpu_seconds": 10.0})
     # Four times the cap and a minute for each of three solves, then five minutes.
     assert wall_limit_s(job) == 3 * (40.0 + 60.0) + 300.0
+
+
+class PickySource(ListSource):
+    """Has given one job to somebody else."""
+
+    def complete(self, request):
+        if request.job_id == 2:
+            raise StaleAttempt("job: expected to hold it, got a stale report")
+        return super().complete(request)
+
+
+@pytest.mark.parametrize(("kind", "expected"), [(ListSource, {1, 2, 3}), (PickySource, {1, 3})])
+def test_what_ended_meanwhile_is_reported_together_and_one_by_one_where_one_is_refused(kind, expected):
+    source = kind(3)
+    dispatcher = Dispatcher(source, Inline(run_fake), INFO)
+    dispatcher._unreported = {Ticket(i, 1): run_fake(hop_job(chain=i - 1)) for i in (1, 2, 3)}
+    dispatcher._report()
+    assert {ticket.job_id for ticket in source.reported} == expected and dispatcher.held() == []

@@ -17,7 +17,7 @@ NUMBER: Any = sa.Double().with_variant(sa.REAL(), "sqlite")
 FLAG = sa.Boolean().with_variant(sa.Integer(), "sqlite")
 STRICT = {"sqlite_strict": True}
 _OF_SEEDS = re.compile(r"S\((\d+)\|.*\)")
-NOUNS = "'attempt', 'job', 'solve', 'status', 'level', 'solution'"
+NOUNS = "'attempt', 'job', 'solve', 'status', 'level', 'solution', 'strict'"
 
 
 def upgrade() -> None:
