@@ -1,22 +1,36 @@
 """A made-up archive of any size, to time what reads archives; its numbers mean nothing."""
 
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import insert, select
+from sqlalchemy import func, insert, select
 from sqlalchemy.orm import Session
 
 from core.transcription import layout_of
+from service.bench_load import PROVENANCE
+from service.db.dialect import insert_new, plain
 from service.db.engine import Database
 from service.db.place import place_of
-from service.db.tables import JobRow, SearchRow, SolutionRow, SolveRow
+from service.db.recount import FILL_TALLIES
+from service.db.tables import (
+    AttemptRow,
+    Base,
+    EventRow,
+    JobRow,
+    ProvenanceRow,
+    SearchRow,
+    SolutionRow,
+    SolveRow,
+)
 from service.search_spec import SearchSpec
 from service.spec import Spec
 from service.store import Store
 from service.store.archive import solution_hash
+from service.store.events import noted
 
 #: Far beyond the chains that are planned when the campaign is submitted.
 FIRST_CHAIN = 10**12
@@ -26,6 +40,7 @@ BATCH = 2000
 START_MASS_KG = 13_276.04
 #: Share of solves that are feasible, and of distinct ones among the solutions.
 FEASIBLE, DISTINCT = 0.3, 0.5
+PROVENANCE_HASH = "0" * 32
 #: Numbers that every solve has alike.
 SOLVE = {
     "attempt": 1,
@@ -46,11 +61,30 @@ JOB = {
     "n_failures": 0,
     "ending": "feasible",
 }
+ATTEMPT = {
+    "attempt": 1,
+    "worker": "nobody",
+    "started_at": 0.0,
+    "ended_at": 0.0,
+    "ending": "feasible",
+    "next_state": "done",
+    "error": None,
+    "provenance_hash": PROVENANCE_HASH,
+}
+TOTALS = (
+    "UPDATE search SET n_planned = (SELECT count(*) FROM job WHERE search_id = search.id), "
+    "(n_solves, cpu_seconds) = "
+    "(SELECT count(*), coalesce(sum(cpu_seconds), 0.0) FROM solve WHERE search_id = search.id)"
+)
 WHEN = {"created_at": 0.0, "updated_at": 0.0}
 
 
-def fill(folder: Path, spec: Spec, n_solves: int, rng: np.random.Generator) -> int:
-    """Store a campaign with so many made-up solves, shared out evenly among its searches; return its id."""
+def fill(folder: Path, spec: Spec, n_solves: int, rng: np.random.Generator, *, is_done: bool = True) -> int:
+    """Store a campaign with so many made-up solves, shared out evenly among its searches; return its id.
+
+    It has ended, or goes on from there.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
     with Store(folder) as store:
         campaign_id, _ = store.submit(spec)
     database = Database(place_of(folder))
@@ -58,56 +92,83 @@ def fill(folder: Path, spec: Spec, n_solves: int, rng: np.random.Generator) -> i
     found: dict[str, list[str]] = {}
     for (position, search), share in zip(spec.in_order, shares, strict=True):
         seeds = found.get(search.seeds.source) if search.seeds else None
-        maker = _Maker(spec, search, position, rng)
-        found[search.id] = database.write(
-            lambda session, maker=maker, seeds=seeds, n=int(share): maker.store(session, n, seeds)  # type: ignore[misc]
-        )
+        maker = _Maker(spec, search, position, campaign_id, rng)
+        found[search.id] = maker.store(database, int(share), seeds, is_done)
+    database.write(_count)
     database.close()
     return campaign_id
+
+
+def _count(session: Session) -> None:
+    for statement in ("DELETE FROM tally", FILL_TALLIES, TOTALS):
+        session.connection().exec_driver_sql(statement)
 
 
 class _Maker:
     """Makes the rows of one search."""
 
-    def __init__(self, spec: Spec, search: SearchSpec, position: int, rng: np.random.Generator) -> None:
+    def __init__(
+        self, spec: Spec, search: SearchSpec, position: int, campaign_id: int, rng: np.random.Generator
+    ) -> None:
         self.search, self.position, self.rng = search, position, rng
+        self.campaign_id = campaign_id
         self.problems = spec.problems_of(search)
         self.hashes = [problem.hash for problem in self.problems]
         self.boxes = [layout_of(problem).bounds(problem, START_MASS_KG) for problem in self.problems]
 
-    def store(self, session: Session, n_solves: int, seeds: list[str] | None) -> list[str]:
+    def store(self, database: Database, n_solves: int, seeds: list[str] | None, is_done: bool) -> list[str]:
         """Insert so many solves and return the ids of their solutions."""
-        row = session.scalar(select(SearchRow).where(SearchRow.position == self.position))
-        assert row is not None
-        row.state = "done"
+        search_id, first_job = database.write(lambda session: self._begin(session, is_done))
+        rows = self._rows(search_id, first_job, n_solves, seeds)
         found: list[str] = []
-        rows = list(self._rows(row.id, n_solves, seeds))
-        for start in range(0, len(rows), BATCH):
-            jobs, solutions, solves = zip(*rows[start : start + BATCH], strict=True)
-            ids = session.scalars(
-                insert(JobRow).returning(JobRow.id, sort_by_parameter_order=True), jobs
-            ).all()
-            new = [solution for solution in solutions if solution is not None]
-            if new:
-                session.execute(insert(SolutionRow), new)
-            session.execute(
-                insert(SolveRow), [solve | {"job_id": job} for solve, job in zip(solves, ids, strict=True)]
-            )
-            found += [solution["id"] for solution in new]
+        while batch := list(islice(rows, BATCH)):
+            found += database.write(lambda session, batch=batch: self._insert(session, search_id, batch))  # type: ignore[misc]
         return found
 
+    def _begin(self, session: Session, is_done: bool) -> tuple[int, int]:
+        own = (SearchRow.campaign_id == self.campaign_id) & (SearchRow.position == self.position)
+        row = session.scalars(select(SearchRow).where(own)).one()
+        row.state = "done" if is_done else row.state
+        content = {name: PROVENANCE[name] for name in sorted(PROVENANCE)}
+        insert_new(session, ProvenanceRow, {"hash": PROVENANCE_HASH, "content": content})
+        return row.id, 1 + (session.scalar(select(func.max(JobRow.id))) or 0)
+
+    def _insert(self, session: Session, search_id: int, batch: list[Any]) -> list[str]:
+        jobs, solutions, solves = zip(*batch, strict=True)
+        new = [solution for solution in solutions if solution is not None]
+        about = {"search": self.search.id, "search_id": search_id}
+        events = [("job", {"job_id": job["id"], **about, "state": "done"}) for job in jobs]
+        events += [("solution", {"id": one["id"], **about}) for one in new]
+        tables: list[tuple[type[Base], list[dict[str, Any]]]] = [
+            (JobRow, list(jobs)),
+            (AttemptRow, [ATTEMPT | {"job_id": job["id"]} for job in jobs]),
+            (SolutionRow, new),
+            (SolveRow, list(solves)),
+            (EventRow, [noted(self.campaign_id, kind, 0.0, **data) for kind, data in events]),
+        ]
+        for table, rows in tables:
+            if rows:
+                session.connection().execute(insert(plain(table)), rows)
+        return [solution["id"] for solution in new]
+
     def _rows(
-        self, search_id: int, n: int, seeds: list[str] | None
+        self, search_id: int, first_job: int, n: int, seeds: list[str] | None
     ) -> Iterator[tuple[dict[str, Any], dict[str, Any] | None, dict[str, Any]]]:
         centres = [self.rng.random(len(lower)) for lower, _ in self.boxes]
         for number in range(n):
             case = number % len(self.problems)
             mapping = self.search.mapping[0] if seeds else None
-            place = {"search_id": search_id, "case_index": case, "chain": f"{FIRST_CHAIN + number:032x}"}
+            place = {
+                "id": first_job + number,
+                "search_id": search_id,
+                "case_index": case,
+                "chain": f"{FIRST_CHAIN + number:032x}",
+            }
             seed = {"seed_id": seeds[number % len(seeds)] if seeds else None, "mapping": mapping}
             kind = {"kind": "map" if seeds else "hop"}
             solution = self._solution(case, centres[case]) if self.rng.random() < FEASIBLE else None
-            yield place | seed | kind | JOB | WHEN, solution, self._solve(search_id, solution)
+            solve = {"job_id": place["id"]} | self._solve(search_id, solution)
+            yield place | seed | kind | JOB | WHEN, solution, solve
 
     def _solve(self, search_id: int, solution: dict[str, Any] | None) -> dict[str, Any]:
         is_found = solution is not None
@@ -122,6 +183,7 @@ class _Maker:
             "cpu_seconds": float(self.rng.exponential(5.0)),
             "wall_seconds": 5.0,
             "solution_id": solution["id"] if solution else None,
+            "final_mass_kg": solution["objective_kg"] if solution else None,
         }
 
     def _solution(self, case: int, centre: NDArray[np.float64]) -> dict[str, Any]:

@@ -13,11 +13,14 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import numpy as np
 import psutil
 
+from service.bench_archive import fill
 from service.bench_load import Load, Tally, run_workers
 from service.bench_probe import Probe, campaign, percentile_ms
 from service.coordinator import CoordinatorError
+from service.spec import spec_from
 from workers.job import WorkerInfo
 from workers.provenance import code_version
 
@@ -32,15 +35,21 @@ class Wanted:
 
     n_outcomes: int
     n_workers: int
+    n_slots: int
     seconds: float
     rate_per_s: float
     feasible_share: float
+    #: Made-up outcomes that are in the archive before.
+    n_before: int = 0
 
 
 def measure(folder: Path, wanted: Wanted) -> dict[str, Any]:
     """Return what the coordinator did with the load; the archive stays in the folder."""
+    spec = campaign("bench", 10_000_000, 1)
+    if wanted.n_before:
+        fill(folder, spec_from(spec), wanted.n_before, np.random.default_rng(1), is_done=False)
     with _server(folder) as (process, told), httpx.Client(base_url=told["url"], timeout=120) as client:
-        answer = client.post("/api/v1/campaigns", json=campaign("bench", 10_000_000, 1), timeout=600)
+        answer = client.post("/api/v1/campaigns", json=spec_from(spec).as_fields(), timeout=600)
         if answer.is_error:
             raise CoordinatorError(f"bench: expected a campaign, got {answer.text[:300]}")
         info = WorkerInfo(
@@ -52,7 +61,13 @@ def measure(folder: Path, wanted: Wanted) -> dict[str, Any]:
             python_version=platform.python_version(),
         )
         load = Load(
-            told["url"], told["token"], info, wanted.n_workers, wanted.rate_per_s, wanted.feasible_share
+            told["url"],
+            told["token"],
+            info,
+            wanted.n_workers,
+            wanted.n_slots,
+            wanted.rate_per_s,
+            wanted.feasible_share,
         )
         probe = Probe(client, answer.json()["id"])
         return _under_load(folder, psutil.Process(process.pid), load, probe, wanted)
@@ -154,6 +169,7 @@ def _report(
         "seconds": seconds,
         "outcomes_per_s": n_outcomes / seconds if seconds else 0.0,
         "cpu_ms_per_outcome": 1e3 * (after["cpu_seconds"] - before["cpu_seconds"]) / max(1, n_outcomes),
+        "load_cpu_ms_per_outcome": 1e3 * tally.cpu_seconds / max(1, after["n_outcomes"]),
         "reads": {name: _times(times) for name, times in probe.felt.reads.items()},
         "all_reads": _times(reads),
         "submits": _times(probe.felt.submits),
@@ -163,9 +179,19 @@ def _report(
         "n_refused_reads": probe.felt.n_refused,
         "n_locked": tally.n_locked + log.count("is locked"),
         "memory_mb": [before["memory_mb"], after["memory_mb"]],
+        "memory_mb_per_100_000_outcomes": _memory_slope(samples),
         "archive_mb": after["archive_mb"],
         "samples": samples,
     }
+
+
+def _memory_slope(samples: list[dict[str, Any]]) -> float | None:
+    """Return how much memory grows [MB per 100,000 outcomes], once caches and pools have filled."""
+    settled = samples[len(samples) // 2 :]
+    if len(settled) < 3:
+        return None
+    n_outcomes, memory = ([state[name] for state in settled] for name in ("n_outcomes", "memory_mb"))
+    return float(1e5 * np.polyfit(n_outcomes, memory, 1)[0])
 
 
 def _times(times: list[float]) -> dict[str, float | None]:
