@@ -3,13 +3,16 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test lint clean
+.PHONY: run test browser lint clean
 
 run: $(VENV)/.installed
 	$(BIN)/coastarc run examples/quick.toml
 
 test: $(VENV)/.installed-test
 	$(BIN)/python -m pytest
+
+browser: $(VENV)/.installed-test
+	COASTARC_REQUIRE_BROWSER=1 $(BIN)/python -m pytest -m '' tests/browser
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .

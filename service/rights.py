@@ -7,6 +7,8 @@ apart: it reads, and takes, keeps and returns jobs, but changes nothing else.
 import re
 from enum import StrEnum
 
+from service.dashboard.views import VIEWS
+
 
 class Role(StrEnum):
     """What a token is for."""
@@ -30,7 +32,7 @@ WORKERS = frozenset({Role.WORKER, Role.ADMIN})
 _API = "/api/v1"
 #: Verb and path, with {} where a path has a parameter.
 RIGHTS: dict[str, frozenset[Role] | None] = {
-    "GET /": READERS,
+    **{f"GET {re.sub('{[^}]*}', '{}', view.path)}": READERS for view in VIEWS},
     "GET /static/{}": ANYONE,
     "GET /sign-in": ANYONE,
     "POST /sign-in": ANYONE,
@@ -53,6 +55,7 @@ RIGHTS: dict[str, frozenset[Role] | None] = {
     f"GET {_API}/status": READERS,
     f"GET {_API}/workers": READERS,
     f"GET {_API}/events": READERS,
+    f"GET {_API}/events/stream": READERS,
     f"GET {_API}/problems": READERS,
     f"POST {_API}/problems": SUBMITTERS,
     f"GET {_API}/problems/{{}}": READERS,
@@ -85,7 +88,7 @@ RIGHTS: dict[str, frozenset[Role] | None] = {
     f"POST {_API}/jobs/complete": WORKERS,
 }
 #: Answers that stay open; how many of them a token may have is limited.
-STREAMS = frozenset({f"GET {_API}/campaigns/{{}}/events"})
+STREAMS = frozenset({f"GET {_API}/campaigns/{{}}/events", f"GET {_API}/events/stream"})
 #: Changes whose trail is the attempt table; said again in the audit they would bury the rest of it.
 LOGGED_AS_ATTEMPTS = frozenset(line for line, roles in RIGHTS.items() if roles == WORKERS)
 

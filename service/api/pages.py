@@ -1,35 +1,35 @@
-"""The web page and its files: HTML for people, where the rest of the service speaks JSON.
+"""The web pages and their files: HTML for people, where the rest of the service speaks JSON.
 
-Data reaches the page through the same API as everybody else; nothing here reads the store.  The headers
-that guard the page are those of every answer, `service.security`.
+Data reaches a page through the same API as everybody else; nothing here reads the store.  The headers
+that guard a page are those of every answer, `service.security`.
 """
+
+from collections.abc import Callable
 
 from fastapi import APIRouter, HTTPException, Request, Response
 from fastapi.responses import HTMLResponse
-from jinja2 import Environment, PackageLoader, select_autoescape
 
 from service.dashboard import assets
+from service.dashboard.render import page
+from service.dashboard.views import SECTIONS, VIEWS, View
 
 #: The name of an asset changes with its content, so a browser never has to ask again.
 ASSET_HEADERS = {"Cache-Control": "public, max-age=31536000, immutable", "Vary": "Accept-Encoding"}
 
 router = APIRouter(include_in_schema=False)
 
-_templates = Environment(
-    loader=PackageLoader("service.dashboard"),
-    autoescape=select_autoescape(),
-    trim_blocks=True,
-    lstrip_blocks=True,
-)
+
+def _shell(view: View) -> Callable[[], HTMLResponse]:
+    def answer() -> HTMLResponse:
+        html = page(f"views/{view.name}.html", view=view, sections=SECTIONS)
+        return HTMLResponse(html, headers={"Cache-Control": "no-cache"})
+
+    return answer
 
 
-@router.get("/", response_class=HTMLResponse)
-def live_page() -> HTMLResponse:
-    """Return the live page; which campaign and solution it shows is in its address."""
-    page = _templates.get_template("live.html").render(
-        static=f"/static/{assets.static_digest()}", plotly=f"/static/{assets.plotly_name()}"
-    )
-    return HTMLResponse(page, headers={"Cache-Control": "no-cache"})
+for _view in VIEWS:
+    # Which campaign or solution it shows is in its address, which its module reads.
+    router.add_api_route(_view.path, _shell(_view), response_class=HTMLResponse, name=f"page_{_view.name}")
 
 
 @router.get("/static/{path:path}")

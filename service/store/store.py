@@ -267,8 +267,8 @@ class Store:
         with self._database.read() as session:
             return events.events_after(session, after, campaign, limit)
 
-    def last_event_id(self, campaign: int) -> int:
-        """Return the id of the latest event of a campaign, or 0."""
+    def last_event_id(self, campaign: int | None) -> int:
+        """Return the id of the latest event of a campaign, or of all, or 0."""
         with self._database.read() as session:
             return events.last_event_id(session, campaign)
 
