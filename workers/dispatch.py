@@ -30,6 +30,7 @@ from workers.job import Message, RowId, WorkerInfo
 from workers.process_pool import ProcessPool
 from workers.provenance import code_version
 from workers.source import Refused
+from workers.usage import Usage
 
 RUNNER = "workers.run:run_job"
 #: Exit codes: somebody has to mend something; a new dispatcher will do.
@@ -79,7 +80,7 @@ def dispatch(order: DispatchOrder, stop: threading.Event) -> None:
         executor = _executor(order, stop)
         try:
             worker = _worker(order, executor)
-            Dispatcher(HttpSource(api), executor, worker, order.campaign_id).run(stop.is_set)
+            Dispatcher(HttpSource(api), executor, worker, order.campaign_id, Usage()).run(stop.is_set)
         finally:
             executor.close()
 

@@ -349,6 +349,11 @@ class WorkerView(Answer):
     slots: int
     code_version: str
     python_version: str
+    #: Processors that its processes keep busy, and their memory, where it measures that.
+    cpu_cores: float | None
+    memory_bytes: int | None
+    #: All that its machine has.
+    host_memory_bytes: int | None
     created_at: datetime
     seen_at: datetime
     #: Whether it was seen within the time of a lease.

@@ -17,7 +17,7 @@ from service.scheduler.states import TRANSITIONS
 from workers.job import Ending
 
 #: Grows with every change of the tables; kept in SQLite's user_version.
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 
 CAMPAIGN_STATES, SEARCH_STATES, JOB_STATES = (tuple(TRANSITIONS[n]) for n in ("campaign", "search", "job"))
 ENDINGS = tuple(ending.value for ending in Ending)
@@ -135,6 +135,7 @@ class JobRow(Base):
         partial_index("job_queue", "search_id", "priority", "id", where="state = 'queued'"),
         partial_index("job_lease", "lease_until", where="state = 'running'"),
         partial_index("job_of_worker", "worker", where="state = 'running'"),
+        partial_index("job_dead", "id", where="state = 'dead'"),
         Index("job_of_search", "search_id", "state"),
     )
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -180,7 +181,12 @@ class AttemptRow(Base):
     """One dispatch of a job; open while `ending` is NULL."""
 
     __tablename__ = "attempt"
-    __table_args__ = _table(_one_of("ending", ENDINGS))
+    __table_args__ = _table(
+        _one_of("ending", ENDINGS),
+        # Begins with the end, since a window of time is about what ended in it and what is open; with the
+        # rest of what a sample is taken by, rows that are left out are not read.
+        Index("attempt_ended", "ended_at", "started_at", "job_id"),
+    )
     job_id: Mapped[int] = mapped_column(ForeignKey("job.id"), primary_key=True)
     attempt: Mapped[int] = mapped_column(primary_key=True)
     worker: Mapped[str]
@@ -204,6 +210,10 @@ class WorkerRow(Base):
     slots: Mapped[int]
     code_version: Mapped[str]
     python_version: Mapped[str]
+    #: What its processes need, where it measures that: processors kept busy [-], memory [B].
+    cpu_cores: Mapped[float | None]
+    memory_bytes: Mapped[int | None]
+    host_memory_bytes: Mapped[int | None]
     created_at: Mapped[float]
     seen_at: Mapped[float]
 
@@ -216,7 +226,10 @@ class SolveRow(Base):
         UniqueConstraint("job_id", "hop"),
         _one_of("ending", ENDINGS),
         Index("solve_of_search", "search_id", "paper", "strict"),
-        Index("solve_of_solution", "solution_id", "id"),
+        # With what is told about the solve that first found a solution, so that its row is not read.
+        partial_index(
+            "solve_of_solution", "solution_id", "id", "search_id", "cpu_seconds", where="solution_id IS NOT NULL"
+        ),
     )
     id: Mapped[int] = mapped_column(primary_key=True)
     job_id: Mapped[int] = mapped_column(ForeignKey("job.id"))
@@ -248,7 +261,15 @@ class SolutionRow(Base):
     """A vector that the verifier found feasible; `id` is the hash of its problem and its bytes."""
 
     __tablename__ = "solution"
-    __table_args__ = _table(Index("solution_order", "problem_hash", "objective_kg", "id"))
+    __table_args__ = _table(
+        Index("solution_order", "problem_hash", "objective_kg", "id"),
+        # All that lists and pictures of the archive choose and sort by: rows with their vectors are long.
+        Index(
+            "solution_figures", "delta_v_km_s", "id", "time_of_flight_days", "objective_kg", "propellant_kg",
+            "initial_coast_days", "shooting_days", "final_coast_days", "created_at", "problem_hash", "paper",
+            "strict",
+        ),
+    )  # fmt: skip
     id: Mapped[str] = mapped_column(primary_key=True)
     problem_hash: Mapped[str] = mapped_column(ForeignKey("problem.hash"))
     x: Mapped[NDArray[np.float64]] = mapped_column(Vector)
