@@ -6,6 +6,7 @@ from importlib.metadata import version
 from fastapi import FastAPI
 
 from service.api import (
+    archive,
     campaigns,
     events,
     health,
@@ -29,6 +30,8 @@ from service.store import Store
 ROUTERS = (
     campaigns.router,
     metrics.router,
+    # Before the solutions, one of which "points" would else be.
+    archive.router,
     solutions.router,
     problems.router,
     jobs.router,

@@ -130,6 +130,7 @@ class _Maker:
         lower, upper = self.boxes[case]
         x = lower + (upper - lower) * place
         mass = float(self.rng.uniform(12_500, 13_100))
+        shooting, first, last = self.rng.uniform((40.0, 0.0, 1.0), (90.0, 9.0, 9.0)).tolist()
         return {
             "id": solution_hash(self.hashes[case], x),
             "problem_hash": self.hashes[case],
@@ -138,10 +139,10 @@ class _Maker:
             "propellant_kg": START_MASS_KG - mass,
             "delta_v_km_s": float(26.55465 * np.log(START_MASS_KG / mass)),
             "delta_v_total_km_s": float(26.55465 * np.log(15_000 / mass)),
-            "shooting_days": 40.0,
-            "initial_coast_days": 1.0,
-            "final_coast_days": 2.0,
-            "time_of_flight_days": 43.0,
+            "shooting_days": shooting,
+            "initial_coast_days": first,
+            "final_coast_days": last,
+            "time_of_flight_days": first + shooting + last,
             "insertion_epoch": "2026-06-06T00:00:00.000",
             "arrival_epoch": "2026-06-08T00:00:00.000",
             "defects": np.zeros(7),

@@ -4,7 +4,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from service.api import identity_schemas, schemas
+from service.api import identity_schemas, schemas, solution_schemas
 from workers.job import ClaimAnswer, CompleteAnswer, HeartbeatAnswer
 
 SOLUTION = "63dd0ec3a1b24c7f9e5d8b6a4f2c1e07"
@@ -161,6 +161,41 @@ SEEDING = {
     "job_id": 17,
     "job_state": "running",
 }
+POINTS = {
+    "n": 706,
+    "front": [0],
+    "strategies": ["S(0)", "S(1|0)"],
+    "id": [SOLUTION],
+    "strategy": [1],
+    "k": [1],
+    "strict": [True],
+    "delta_v_km_s": [0.3235],
+    "time_of_flight_days": [77.4],
+    "initial_coast_days": [2.1],
+    "shooting_days": [71.3],
+    "final_coast_days": [4.0],
+    "propellant_kg": [160.75],
+    "cpu_seconds": [1.4],
+}
+CLUSTER = {
+    "best_id": SOLUTION,
+    "size": 12,
+    "strategies": {"S(0)": 2, "S(1|0)": 10},
+    "min_delta_v_km_s": 0.3235,
+    "max_delta_v_km_s": 0.3302,
+    "min_time_of_flight_days": 76.9,
+    "max_time_of_flight_days": 78.2,
+    "mean_distance": 0.021,
+    "max_distance": 0.047,
+}
+CHOICES = {
+    "campaigns": [{"id": 1, "name": "quick"}],
+    "searches": ["s0", "s1-0"],
+    "strategies": ["S(0)", "S(1|0)"],
+    "k": [0, 1],
+    "segments": [24],
+    "durations_days": [1.0],
+}
 ITEM = {"hash": ROBUST, "k": 1, "outages": [OUTAGE], "n_segments": 50}
 NODE = {"search": "s1-0", "strategy": "S(1|0)", "k": 1, "delta_v_km_s": 0.3235, "strict": True}
 EVENT = {"id": 42, "campaign_id": 1, "kind": "search", "created_at": LATER}
@@ -202,6 +237,15 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
         "paired_changes": [],
     },
     schemas.RecordPage: {"items": [RECORD], "next": f"0x1.99da51eb851ecp+13_{SOLUTION}"},
+    solution_schemas.PointsView: POINTS,
+    solution_schemas.ClusterPage: {
+        "items": [CLUSTER],
+        "n_clusters": 85,
+        "n": 706,
+        "n_compared": 706,
+        "threshold": 0.05,
+    },
+    solution_schemas.ChoicesView: CHOICES,
     schemas.RecordWithVector: RECORD
     | {"x": [71.3, 2.1, 4.0, 0.71], "verification": {"integrator": "DOP853", "tolerance": 1e-12}},
     schemas.Lineage: {

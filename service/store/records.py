@@ -3,8 +3,8 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-from sqlalchemy import ScalarSelect, func, select
-from sqlalchemy.orm import Session, aliased
+from sqlalchemy import select
+from sqlalchemy.orm import Session
 
 from service.api.schemas import (
     Lineage,
@@ -27,6 +27,8 @@ from service.db.tables import (
     SolveRow,
 )
 from service.store.errors import StoreError, UnknownRow
+from service.store.filter import Filter, Wanted
+from service.store.page import Begin, Order, ids_of_page
 
 #: Columns that a record shows under their own name.
 FROM_SOLUTION = (
@@ -47,10 +49,8 @@ FROM_SOLUTION = (
     "created_at",
 )
 FROM_SOLVE = ("status", "n_iterations", "n_evaluations", "cpu_seconds", "wall_seconds", "rng_key")
-
-
-#: Solves beside the one that a record shows.
-_Again = aliased(SolveRow)
+#: Ids that one query names.
+AT_ONCE = 500
 
 
 class _Found(NamedTuple):
@@ -65,62 +65,40 @@ class _Found(NamedTuple):
     provenance: ProvenanceRow
 
 
-class Filter:
-    """Which solutions are asked for; what is None does not restrict."""
-
-    def __init__(
-        self, campaign: int | None = None, search: str | None = None, strict: bool | None = None
-    ) -> None:
-        self.campaign = campaign
-        self.search = search
-        self.strict = strict
-
-    def first_solve(self) -> ScalarSelect[int]:
-        """Return the first solve inside the filter that found the solution of the query around it."""
-        query = (
-            select(func.min(_Again.id))
-            .join(SearchRow, SearchRow.id == _Again.search_id)
-            .where(_Again.solution_id == SolutionRow.id)
-        )
-        if self.campaign is not None:
-            query = query.where(SearchRow.campaign_id == self.campaign)
-        if self.search is not None:
-            query = query.where(SearchRow.name == self.search)
-        if self.strict is not None:
-            query = query.where(_Again.strict == self.strict)
-        return query.correlate(SolutionRow).scalar_subquery()
-
-
-def list_records(session: Session, wanted: Filter, limit: int, after: str | None) -> RecordPage:
-    """Return a page of solutions, the most final mass first."""
-    query = _records(wanted).order_by(SolutionRow.objective_kg.desc(), SolutionRow.id).limit(limit + 1)
-    if after is not None:
-        objective, key = _read_mark(after)
-        is_later = (SolutionRow.objective_kg == objective) & (SolutionRow.id > key)
-        query = query.where((SolutionRow.objective_kg < objective) | is_later)
-    found = _found(session, query)
-    records = [_record(row) for row in found[:limit]]
-    has_more = len(found) > limit
-    return RecordPage(items=records, next=_mark(records[-1]) if has_more else None)
+def list_records(
+    session: Session, wanted: Filter, order: Order, begin: Begin, limit: int | None
+) -> RecordPage:
+    """Return a page of solutions."""
+    ids, following = ids_of_page(session, wanted, order, begin, limit)
+    found = _found(session, _records(session, wanted).where(SolutionRow.id.in_(ids)))
+    records = {row.solution.id: _record(row) for row in found}
+    return RecordPage(items=[records[key] for key in ids], next=following)
 
 
 def get_record(session: Session, solution_id: str) -> RecordWithVector:
     """Return a solution with its vector, as it was first found."""
-    found = _found(session, _records(Filter()).where(SolutionRow.id == solution_id))
+    found = _found(session, _records(session, Filter()).where(SolutionRow.id == solution_id))
     if not found:
         raise UnknownRow("solution", solution_id)
     return _with_vector(found[0])
 
 
-def all_records(session: Session, wanted: Filter, limit: int | None) -> list[RecordWithVector]:
-    """Return the solutions of a filter with their vectors, the most final mass first."""
-    query = _records(wanted).order_by(SolutionRow.objective_kg.desc(), SolutionRow.id).limit(limit)
-    return [_with_vector(row) for row in _found(session, query)]
+def all_records(session: Session, wanted: Filter, order: Order, limit: int | None) -> list[RecordWithVector]:
+    """Return the solutions of a filter with their vectors, all or the first so many."""
+    ids, _ = ids_of_page(session, wanted, order, Begin(), limit)
+    query = _records(session, wanted)
+    found = [
+        row
+        for start in range(0, len(ids), AT_ONCE)
+        for row in _found(session, query.where(SolutionRow.id.in_(ids[start : start + AT_ONCE])))
+    ]
+    place = {key: i for i, key in enumerate(ids)}
+    return [_with_vector(row) for row in sorted(found, key=lambda row: place[row.solution.id])]
 
 
 def page_by_id(session: Session, wanted: Filter, after: str, limit: int) -> list[RecordWithVector]:
     """Return the solutions that follow an id, with their vectors; quick however many there are."""
-    query = _records(wanted).where(SolutionRow.id > after).order_by(SolutionRow.id).limit(limit)
+    query = _records(session, wanted).where(SolutionRow.id > after).order_by(SolutionRow.id).limit(limit)
     return [_with_vector(row) for row in _found(session, query)]
 
 
@@ -161,7 +139,7 @@ def lineage(session: Session, solution_id: str) -> Lineage:
         links.extend(found)
         fresh = {link.seed_id for link in found} - known
         known |= fresh
-    rows = _found(session, _records(Filter()).where(SolutionRow.id.in_(known)))
+    rows = _found(session, _records(session, Filter()).where(SolutionRow.id.in_(known)))
     edges = [LineageEdge(seed_id=o.seed_id, solution_id=o.solution_id, mapping=o.mapping) for o in links]
     return Lineage(id=solution_id, nodes=sorted(map(_node, rows), key=lambda node: -node.k), edges=edges)
 
@@ -177,7 +155,8 @@ def _node(row: _Found) -> LineageNode:
     )
 
 
-def _records(wanted: Filter) -> Any:
+def _records(session: Session, wanted: Filter) -> Any:
+    asked = Wanted(session, wanted)
     is_of_attempt = (AttemptRow.job_id == SolveRow.job_id) & (AttemptRow.attempt == SolveRow.attempt)
     return (
         select(SolutionRow, SolveRow, JobRow, SearchRow, CampaignRow, ProblemRow, ProvenanceRow)
@@ -188,7 +167,7 @@ def _records(wanted: Filter) -> Any:
         .join(ProblemRow, ProblemRow.hash == SolutionRow.problem_hash)
         .join(AttemptRow, is_of_attempt)
         .join(ProvenanceRow, ProvenanceRow.hash == AttemptRow.provenance_hash)
-        .where(SolveRow.id == wanted.first_solve())
+        .where(SolveRow.id == asked.first_solve(), *asked.conditions())
     )
 
 
@@ -216,16 +195,3 @@ def _record(row: _Found) -> Record:
         defects_solved=solve.defects.reshape(-1, 7).tolist(),
         defects_verified=solution.defects.reshape(-1, 7).tolist(),
     )
-
-
-def _mark(record: Record) -> str:
-    # Hexadecimal keeps every bit of the float, which the next page's comparison needs.
-    return f"{record.objective_kg.hex()}_{record.id}"
-
-
-def _read_mark(text: str) -> tuple[float, str]:
-    number, _, key = text.partition("_")
-    try:
-        return float.fromhex(number), key
-    except (ValueError, OverflowError) as error:
-        raise StoreError(f"after: expected the `next` of a page, got {text!r}") from error

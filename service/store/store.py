@@ -10,19 +10,23 @@ from sqlalchemy.orm import Session
 
 from core.analysis.facts import CampaignFacts
 from service.api import schemas
+from service.api.solution_schemas import ChoicesView, ClusterPage, PointsView
 from service.db.engine import Database
 from service.db.place import place_of
 from service.scheduler.leases import LeaseSettings
 from service.spec import Spec
 from service.store import (
     catalogue,
+    choices,
     claims,
+    clusters,
     control,
     dispatch,
     events,
     facts,
     find,
     leases,
+    points,
     progress,
     records,
     seeds,
@@ -33,7 +37,8 @@ from service.store.control import Verb
 from service.store.errors import StoreError, UnknownRow
 from service.store.gauges import Gauges, require_writable
 from service.store.identity import Identities
-from service.store.records import Filter
+from service.store.page import Begin, Order
+from service.store.filter import Filter
 from service.store.seeds import SeedsWanted
 from workers.executor import Ticket
 from workers.job import Claim, CompleteAnswer, HeartbeatAnswer, JobOutcome, WorkerInfo
@@ -178,15 +183,41 @@ class Store:
         with self._database.read() as session:
             return find.find_campaign(session, name_or_id)
 
-    def records(self, wanted: Filter, limit: int, after: str | None = None) -> schemas.RecordPage:
+    def records(
+        self,
+        wanted: Filter,
+        limit: int,
+        begin: Begin = Begin(),  # noqa: B008
+        order: Order = Order(),  # noqa: B008
+    ) -> schemas.RecordPage:
         """Return a page of solutions."""
         with self._database.read() as session:
-            return records.list_records(session, wanted, limit, after)
+            return records.list_records(session, wanted, order, begin, limit)
 
-    def all_records(self, wanted: Filter, limit: int | None = None) -> list[schemas.RecordWithVector]:
-        """Return the solutions of a filter with their vectors, all or the best so many."""
+    def all_records(
+        self,
+        wanted: Filter,
+        limit: int | None = None,
+        order: Order = Order(),  # noqa: B008
+    ) -> list[schemas.RecordWithVector]:
+        """Return the solutions of a filter with their vectors, all or the first so many."""
         with self._database.read() as session:
-            return records.all_records(session, wanted, limit)
+            return records.all_records(session, wanted, order, limit)
+
+    def points(self, wanted: Filter, most: int) -> PointsView:
+        """Return the solutions of a filter as points, at most so many of them."""
+        with self._database.read() as session:
+            return points.list_points(session, wanted, most)
+
+    def clusters(self, wanted: Filter, threshold: float, limit: int) -> ClusterPage:
+        """Return the best clusters of the solutions of a filter."""
+        with self._database.read() as session:
+            return clusters.list_clusters(session, wanted, threshold, limit)
+
+    def choices(self, campaign: int | None) -> ChoicesView:
+        """Return what a filter of solutions can be set to."""
+        with self._database.read() as session:
+            return choices.list_choices(session, campaign)
 
     def record_pages(self, wanted: Filter, size: int = 100) -> Iterator[list[schemas.RecordWithVector]]:
         """Yield all solutions of a filter in order of id; each page is one short transaction."""
