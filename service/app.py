@@ -7,16 +7,21 @@ from fastapi import FastAPI
 
 from service.api import (
     archive,
+    attempts,
     campaigns,
     events,
+    flights,
     health,
+    history,
     jobs,
     metrics,
     pages,
     problems,
+    searches,
     seeds,
     session,
     solutions,
+    specs,
     tokens,
 )
 from service.api.document import finish_document
@@ -29,12 +34,17 @@ from service.store import Store
 
 ROUTERS = (
     campaigns.router,
+    history.router,
+    specs.router,
     metrics.router,
     # Before the solutions, one of which "points" would else be.
     archive.router,
     solutions.router,
+    flights.router,
     problems.router,
+    searches.router,
     jobs.router,
+    attempts.router,
     events.router,
     seeds.router,
     session.router,

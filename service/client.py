@@ -15,6 +15,7 @@ from urllib.parse import quote
 from pydantic import BaseModel, ValidationError
 
 from service.api import schemas
+from service.api.lineage_schemas import Reproduction
 from service.store.seeds import SeedsWanted
 from workers.client import TIMEOUT_S, Api, ApiError, Rejected
 from workers.source import Unreachable
@@ -66,6 +67,7 @@ ROUTES = {
         "GET", "/solutions", schemas.RecordPage, ("campaign", "search", "strict", "limit", "after")
     ),
     "record": Route("GET", "/solutions/{solution_id}", schemas.RecordWithVector),
+    "reproduction": Route("GET", "/solutions/{solution_id}/reproduction", Reproduction),
     "seeds": Route("GET", "/seeds", schemas.SeedPage, _SEEDS),
     "jobs": Route("GET", "/jobs", schemas.JobPage, ("campaign", "search", "state", "limit", "after")),
     "job": Route("GET", "/jobs/{job_id}", schemas.JobView),
@@ -156,6 +158,10 @@ class Client:
     def record(self, solution_id: str) -> schemas.RecordWithVector:
         """Return a solution with its vector."""
         return self._ask("record", schemas.RecordWithVector, solution_id=solution_id)
+
+    def reproduction(self, solution_id: str) -> Reproduction:
+        """Return the job that found a solution, and what it gave."""
+        return self._ask("reproduction", Reproduction, solution_id=solution_id)
 
     def seeds_of_search(self, campaign_id: int, search: str, wanted: SeedsWanted) -> schemas.SeedPage:
         """Return what would seed a search, and how."""

@@ -4,7 +4,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from service.api import identity_schemas, schemas, solution_schemas
+from service.api import identity_schemas, lineage_schemas, problem_schemas, schemas, solution_schemas
 from workers.job import ClaimAnswer, CompleteAnswer, HeartbeatAnswer
 
 SOLUTION = "63dd0ec3a1b24c7f9e5d8b6a4f2c1e07"
@@ -61,6 +61,7 @@ JOB = {
     "id": 17,
     "campaign_id": 1,
     "search_id": 2,
+    "search": "s1-0",
     "kind": "map",
     "state": "running",
     "attempt": 1,
@@ -201,6 +202,11 @@ NODE = {"search": "s1-0", "strategy": "S(1|0)", "k": 1, "delta_v_km_s": 0.3235, 
 EVENT = {"id": 42, "campaign_id": 1, "kind": "search", "created_at": LATER}
 SIGNED_IN = "coastarc_5f0c1e9d2b7a_" + 43 * "x"
 HELD = {"job_id": 17, "attempt": 1}
+RELATIVE = ITEM | {"hash": PROBLEM, "k": 0, "outages": [], "outage": OUTAGE, "n_solutions": 28}
+RELATIVE |= {"best_delta_v_km_s": 0.3196}
+SHAPE = {"outage": None, "n_segments": 50, "first_variable": 0, "n_variables": 154, "matchpoint": 26}
+SHAPE |= {"leaves": None}
+PROVENANCE = ("code_version", "package_versions", "kernel_hashes", "host", "status", "cpu_seconds")
 HOP_JOB = {
     "kind": "hop",
     "problem": {"n_segments": 50, "outages": []},
@@ -210,7 +216,6 @@ HOP_JOB = {
 }
 
 EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
-    schemas.CampaignPage: {"items": [CAMPAIGN]},
     schemas.CampaignView: CAMPAIGN
     | {
         "problem": DEFINITION,
@@ -248,13 +253,44 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
     solution_schemas.ChoicesView: CHOICES,
     schemas.RecordWithVector: RECORD
     | {"x": [71.3, 2.1, 4.0, 0.71], "verification": {"integrator": "DOP853", "tolerance": 1e-12}},
-    schemas.Lineage: {
+    lineage_schemas.LineageGraph: {
         "id": SOLUTION,
         "nodes": [
             NODE | {"id": SOLUTION},
             NODE | {"id": SEED, "search": "s0", "strategy": "S(0)", "k": 0, "delta_v_km_s": 0.3196},
         ],
         "edges": [{"seed_id": SEED, "solution_id": SOLUTION, "mapping": "continued"}],
+        "children": [],
+        "n_children": 0,
+        "n_mapped": 4,
+        "command": f"coastarc solutions reproduce {SOLUTION}",
+    },
+    lineage_schemas.Reproduction: {name: RECORD[name] for name in PROVENANCE}
+    | {"id": SOLUTION, "problem_hash": ROBUST, "job": HOP_JOB, "hop": 0, "x": [71.3, 2.1, 4.0, 0.71]}
+    | {"python_version": "3.11.7"},
+    problem_schemas.ProblemFamily: {
+        "n_solutions": 10,
+        "best": [{name: RECORD[name] for name in problem_schemas.BestSolution.model_fields}],
+        "fewer": [RELATIVE],
+        "more": [],
+        "n_fewer": 1,
+        "n_more": 0,
+    },
+    problem_schemas.ProblemStructure: {
+        "hash": ROBUST,
+        "n_variables": 236,
+        "n_defects": 14,
+        "n_nonzeros": 2200,
+        "n_dense": 2410,
+        "trajectories": [SHAPE],
+        "runs": [[0, 0, 154]],
+        "filled_gap": 0,
+        "departure_epoch": "2026-04-26T14:47:58.000",
+        "departure_mass_kg": 13276.04,
+        "between": {"scale_days": 227.89, "shape": 0.86737, "mean_days": 244.9, "median_days": 149.4},
+        "recovery": {"scale_days": 2.459, "shape": 1.144, "mean_days": 2.34, "median_days": 1.78},
+        "chances": [{"arc_days": 48.0, "none": 0.772, "one": 0.196, "several": 0.032}],
+        "durations": [{"days": 1.5, "at_most": 0.433}],
     },
     schemas.SeedPage: {"items": [SEEDING], "n_candidates": 28, "is_cut": True},
     schemas.ProblemPage: {"items": [ITEM]},
@@ -293,4 +329,5 @@ TRAJECTORY = {
     "trajectories": [_FLOWN | _TRACK],
     "moon": {"days": [0.0]} | _TRACK,
     "target": {"days": [0.0]} | _TRACK,
+    "n_samples": 1,
 }

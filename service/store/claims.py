@@ -35,7 +35,7 @@ _QUEUE = (
 _ATTEMPT = insert(plain(AttemptRow))
 
 
-class _Turn(NamedTuple):
+class Turn(NamedTuple):
     """A job to be handed out, and what it is about."""
 
     job: JobRow
@@ -54,12 +54,12 @@ def claim(
     found = {row[0].id: row for row in session.execute(statement, {"now": now, **wanted})}
     queues: dict[int, Iterator[Any]] = {}
 
-    def take(search_id: int) -> tuple[_Turn, int] | None:
+    def take(search_id: int) -> tuple[Turn, int] | None:
         if search_id not in queues:
             asked = {"search_id": search_id, "now": now, "most": n_jobs}
             queues[search_id] = iter(session.execute(_QUEUE, asked).all())
         row = next(queues[search_id], None)
-        return None if row is None else (_Turn(*row, *found[search_id][:2]), row[0].n_hops)
+        return None if row is None else (Turn(*row, *found[search_id][:2]), row[0].n_hops)
 
     shares = [_share(search, owner, n_running) for search, owner, n_running in found.values()]
     turns = in_turn(shares, take, n_jobs)
@@ -82,14 +82,15 @@ def _share(search: SearchRow, campaign: CampaignRow, n_running: int) -> Share:
     )
 
 
-def _claimed(session: Session, turn: _Turn, worker: str, now: float, lease_s: float) -> Claim:
+def _claimed(session: Session, turn: Turn, worker: str, now: float, lease_s: float) -> Claim:
     job = turn.job
     job.state, job.attempt, job.worker = "running", job.attempt + 1, worker
     job.lease_until, job.updated_at = now + lease_s, now
-    return Claim(job_id=job.id, attempt=job.attempt, job=_message(session, turn))
+    return Claim(job_id=job.id, attempt=job.attempt, job=message_of(session, turn))
 
 
-def _message(session: Session, turn: _Turn) -> HopJob | MapJob:
+def message_of(session: Session, turn: Turn) -> HopJob | MapJob:
+    """Return all that the run of a job needs; a result follows from it alone."""
     job, problem_hash, search, campaign = turn
     spec = search_spec(campaign, search)
     chain = int(job.chain, 16)

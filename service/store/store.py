@@ -10,21 +10,28 @@ from sqlalchemy.orm import Session
 
 from core.analysis.facts import CampaignFacts
 from service.api import schemas
+from service.api.lineage_schemas import LineageGraph, Reproduction
+from service.api.problem_schemas import ProblemFamily
+from service.api.history_schemas import CampaignCard, HistoryView
 from service.api.solution_schemas import ChoicesView, ClusterPage, PointsView
 from service.db.engine import Database
 from service.db.place import place_of
 from service.scheduler.leases import LeaseSettings
 from service.spec import Spec
 from service.store import (
+    cards,
     catalogue,
     choices,
     claims,
     clusters,
     control,
+    descent,
     dispatch,
     events,
     facts,
+    family,
     find,
+    history,
     leases,
     points,
     progress,
@@ -33,13 +40,16 @@ from service.store import (
     submission,
     workers,
 )
+from service.store.activity import Activity
 from service.store.control import Verb
 from service.store.errors import StoreError, UnknownRow
 from service.store.gauges import Gauges, require_writable
+from service.store.histories import Histories
 from service.store.identity import Identities
 from service.store.page import Begin, Order
 from service.store.filter import Filter
 from service.store.seeds import SeedsWanted
+from service.store.specs import spec_fields
 from workers.executor import Ticket
 from workers.job import Claim, CompleteAnswer, HeartbeatAnswer, JobOutcome, WorkerInfo
 
@@ -63,6 +73,9 @@ class Store:
         self._database = Database(place_of(folder), read_only=read_only)
         #: What operators watch.
         self.gauges = Gauges(self._database, clock, leases.lease_s)
+        #: Searches hop by hop, attempts and the queue.
+        self.activity = Activity(self._database, clock, leases)
+        self._histories = Histories(self._database)
 
     def __enter__(self) -> Self:
         """Give the store; it is closed at the end of the block."""
@@ -163,6 +176,22 @@ class Store:
         with self._database.read() as session:
             return progress.list_campaigns(session)
 
+    def campaign_cards(self) -> list[CampaignCard]:
+        """Return the campaigns with how far they are and what they have found, the newest first."""
+        now = self._clock()
+        return self._histories.ask(lambda session, known: cards.campaign_cards(session, known, now))
+
+    def campaign_history(self, campaign_id: int) -> HistoryView:
+        """Return how a campaign came to what it has found."""
+        return self._histories.ask(
+            lambda session, known: history.campaign_history(session, known, campaign_id)
+        )
+
+    def spec_fields(self, campaign_id: int) -> dict[str, Any]:
+        """Return the specification of a campaign as it was submitted."""
+        with self._database.read() as session:
+            return spec_fields(session, campaign_id)
+
     def campaign(self, campaign_id: int) -> schemas.CampaignView:
         """Return a campaign with its searches."""
         with self._database.read() as session:
@@ -245,10 +274,15 @@ class Store:
         with self._database.read() as session:
             return records.definition_and_vector(session, solution_id)
 
-    def lineage(self, solution_id: str) -> schemas.Lineage:
-        """Return the seeds behind a solution."""
+    def lineage(self, solution_id: str, most: int = 0) -> LineageGraph:
+        """Return the seeds behind a solution, and so many of those that it seeded."""
         with self._database.read() as session:
-            return records.lineage(session, solution_id)
+            return descent.graph(session, solution_id, most)
+
+    def reproduction(self, solution_id: str) -> Reproduction:
+        """Return the job that found a solution, and what it gave."""
+        with self._database.read() as session:
+            return descent.reproduction(session, solution_id)
 
     def problems(self) -> schemas.ProblemPage:
         """Return the problems."""
@@ -259,6 +293,11 @@ class Store:
         """Return a problem."""
         with self._database.read() as session:
             return catalogue.get_problem(session, problem_hash)
+
+    def family(self, problem_hash: str) -> ProblemFamily:
+        """Return what was found for a problem, and its relatives."""
+        with self._database.read() as session:
+            return family.family(session, problem_hash)
 
     def jobs(
         self, campaign: int | None, search: str | None, state: str | None, limit: int, after: int = 0
