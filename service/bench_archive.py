@@ -38,7 +38,6 @@ SOLVE = {
     "created_at": 0.0,
 }
 JOB = {
-    "hop": 0,
     "n_hops": 1,
     "state": "done",
     "priority": 0,
@@ -103,8 +102,11 @@ class _Maker:
         for number in range(n):
             case = number % len(self.problems)
             mapping = self.search.mapping[0] if seeds else None
-            place = {"search_id": search_id, "case_index": case, "chain": f"{FIRST_CHAIN + number:032x}"}
-            seed = {"seed_id": seeds[number % len(seeds)] if seeds else None, "mapping": mapping}
+            seed_id = seeds[number % len(seeds)] if seeds else None
+            # The chain of a mapped seed is its hash; so often as it is mapped again, its hop differs.
+            chain, hop = (seed_id, number // len(seeds)) if seeds else (f"{FIRST_CHAIN + number:032x}", 0)
+            place = {"search_id": search_id, "case_index": case, "chain": chain, "hop": hop}
+            seed = {"seed_id": seed_id, "mapping": mapping}
             kind = {"kind": "map" if seeds else "hop"}
             solution = self._solution(case, centres[case]) if self.rng.random() < FEASIBLE else None
             yield place | seed | kind | JOB | WHEN, solution, self._solve(search_id, solution)

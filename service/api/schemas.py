@@ -305,6 +305,8 @@ class JobView(Answer):
     id: int
     campaign_id: int
     search_id: int
+    #: Its name.
+    search: str
     kind: Literal["hop", "map"]
     state: JobState
     attempt: int

@@ -225,7 +225,8 @@ class SolveRow(Base):
     __table_args__ = _table(
         UniqueConstraint("job_id", "hop"),
         _one_of("ending", ENDINGS),
-        Index("solve_of_search", "search_id", "paper", "strict"),
+        # Counts by verdict, and at its end the solve with the most final mass.
+        Index("solve_of_search", "search_id", "paper", "strict", "objective_kg"),
         # With what is told about the solve that first found a solution, so that its row is not read.
         partial_index(
             "solve_of_solution", "solution_id", "id", "search_id", "cpu_seconds", where="solution_id IS NOT NULL"
@@ -263,9 +264,10 @@ class SolutionRow(Base):
     __tablename__ = "solution"
     __table_args__ = _table(
         Index("solution_order", "problem_hash", "objective_kg", "id"),
-        # All that lists and pictures of the archive choose and sort by: rows with their vectors are long.
+        # All that lists and pictures of the archive choose and sort by: rows with their vectors are long. In
+        # order of id, as the solves of solutions are.
         Index(
-            "solution_figures", "delta_v_km_s", "id", "time_of_flight_days", "objective_kg", "propellant_kg",
+            "solution_figures", "id", "delta_v_km_s", "time_of_flight_days", "objective_kg", "propellant_kg",
             "initial_coast_days", "shooting_days", "final_coast_days", "created_at", "problem_hash", "paper",
             "strict",
         ),

@@ -1,11 +1,14 @@
 """Problems and jobs, as lists."""
 
-from sqlalchemy import Select, select
+from sqlalchemy import ColumnElement, Select, literal_column, select
 from sqlalchemy.orm import Session
 
 from service.api.schemas import JobPage, JobView, OutageView, ProblemItem, ProblemPage, ProblemView
-from service.db.tables import AttemptRow, JobRow, ProblemRow, SearchRow
-from service.store.errors import UnknownRow
+from service.db.tables import JOB_STATES, AttemptRow, JobRow, ProblemRow, SearchRow
+from service.store.errors import StoreError, UnknownRow
+
+#: What a job's view takes from other rows.
+ELSEWHERE = ("campaign_id", "search", "error")
 
 
 def list_problems(session: Session, limit: int = 200) -> ProblemPage:
@@ -37,9 +40,16 @@ def list_jobs(
     if search is not None:
         query = query.where(SearchRow.name == search)
     if state is not None:
-        query = query.where(JobRow.state == state)
+        query = query.where(is_in(state))
     jobs = [_job(*row) for row in session.execute(query)]
     return JobPage(items=jobs[:limit], next=jobs[limit - 1].id if len(jobs) > limit else None)
+
+
+def is_in(state: str) -> ColumnElement[bool]:
+    """Return the condition that a job is in a state, as text: only then is the index of that state used."""
+    if state not in JOB_STATES:
+        raise StoreError(f"state: expected one of {', '.join(JOB_STATES)}, got {state!r}")
+    return JobRow.state == literal_column(f"'{state}'")
 
 
 def get_job(session: Session, job_id: int) -> JobView:
@@ -50,20 +60,18 @@ def get_job(session: Session, job_id: int) -> JobView:
     return _job(*found)
 
 
-def _jobs() -> Select[JobRow, int, str | None]:
+def _jobs() -> Select[JobRow, int, str, str | None]:
     is_last = (AttemptRow.job_id == JobRow.id) & (AttemptRow.attempt == JobRow.attempt)
     return (
-        select(JobRow, SearchRow.campaign_id, AttemptRow.error)
+        select(JobRow, SearchRow.campaign_id, SearchRow.name, AttemptRow.error)
         .join(SearchRow, SearchRow.id == JobRow.search_id)
         .outerjoin(AttemptRow, is_last)
     )
 
 
-def _job(row: JobRow, campaign_id: int, error: str | None) -> JobView:
+def _job(row: JobRow, campaign_id: int, search: str, error: str | None) -> JobView:
     # The last line of a traceback names the exception, what comes before it only where.
     shown = error.strip().splitlines()[-1] if error else None
-    columns = {
-        name: getattr(row, name) for name in JobView.model_fields if name not in ("campaign_id", "error")
-    }
+    columns = {name: getattr(row, name) for name in JobView.model_fields if name not in ELSEWHERE}
     columns["not_before"] = row.not_before or None
-    return JobView(**columns, campaign_id=campaign_id, error=shown)
+    return JobView(**columns, campaign_id=campaign_id, search=search, error=shown)

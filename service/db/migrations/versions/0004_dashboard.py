@@ -1,5 +1,7 @@
 """Schema version 4: what workers need, and the indexes that the dashboard reads by."""
 
+from typing import Any
+
 import sqlalchemy as sa
 from alembic import op
 
@@ -7,9 +9,9 @@ revision = "0004"
 down_revision = "0003"
 
 WHOLE = sa.BigInteger().with_variant(sa.Integer(), "sqlite")
-NUMBER = sa.Double().with_variant(sa.REAL(), "sqlite")
+NUMBER: Any = sa.Double().with_variant(sa.REAL(), "sqlite")
 FIGURES = [
-    "delta_v_km_s", "id", "time_of_flight_days", "objective_kg", "propellant_kg", "initial_coast_days",
+    "id", "delta_v_km_s", "time_of_flight_days", "objective_kg", "propellant_kg", "initial_coast_days",
     "shooting_days", "final_coast_days", "created_at", "problem_hash", "paper", "strict",
 ]  # fmt: skip
 
@@ -22,6 +24,8 @@ def upgrade() -> None:
     op.create_index("attempt_ended", "attempt", ["ended_at", "started_at", "job_id"])
     is_dead = sa.text("state = 'dead'")
     op.create_index("job_dead", "job", ["id"], sqlite_where=is_dead, postgresql_where=is_dead)
+    op.drop_index("solve_of_search", "solve")
+    op.create_index("solve_of_search", "solve", ["search_id", "paper", "strict", "objective_kg"])
     found = sa.text("solution_id IS NOT NULL")
     op.drop_index("solve_of_solution", "solve")
     op.create_index(
