@@ -52,7 +52,7 @@ def list_solutions(
     """
     if format == "json":
         return store.records(wanted, limit or PAGE, Begin(after, begin), Order(sort, descending))
-    if not (limit is after is begin is None):
+    if (limit, after, begin) != (None, None, None):
         raise HTTPException(
             422, f"format {format}: expected neither limit nor after, got one; it has them all"
         )

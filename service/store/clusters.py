@@ -94,7 +94,7 @@ def _members(session: Session, asked: Wanted, ids: list[str]) -> list[_Member]:
 
 
 def _families(session: Session, members: list[_Member]) -> Iterator[tuple[Problem, list[_Member]]]:
-    """Yield the members whose references have the same segments and bounds, between which distances mean something."""
+    """Yield members apart whose references differ in segments or bounds: they have no distance."""
     family_of: dict[str, str] = {}
     families: dict[str, list[_Member]] = {}
     for member in members:

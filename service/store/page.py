@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from sqlalchemy import ColumnElement, Row, Select, and_, or_, select
+from sqlalchemy import ColumnElement, Row, and_, or_, select
 from sqlalchemy.orm import Session
 
-from service.db.tables import ProblemRow, SolutionRow, SolveRow
+from service.db.tables import ProblemRow, SolutionRow
 from service.store.errors import StoreError
 from service.store.filter import Filter, Wanted
 
@@ -54,8 +54,11 @@ def ids_of_page(
     session: Session, wanted: Filter, order: Order, begin: Begin, limit: int | None
 ) -> tuple[list[str], str | None]:
     """Return the ids on a page, and the mark after which the next one begins."""
-    column = _column(order.sort)
-    query = _joined(select(SolutionRow.id, column), Wanted(session, wanted), order.sort)
+    asked = Wanted(session, wanted)
+    column = _column(asked, order.sort)
+    query = select(SolutionRow.id, column).select_from(SolutionRow).where(*asked.conditions())
+    if order.sort == "k":
+        query = query.join(ProblemRow, ProblemRow.hash == SolutionRow.problem_hash)
     query = query.where(*_beginning(column, order, begin))
     sorted_by = column.desc() if order.is_descending else column
     most = None if limit is None else limit + 1
@@ -64,19 +67,10 @@ def ids_of_page(
     return [row[0] for row in rows[:limit]], _mark(rows, limit) if has_more else None
 
 
-def _column(sort: Sort) -> Any:
+def _column(asked: Wanted, sort: Sort) -> Any:
     if sort == "cpu_seconds":
-        return SolveRow.cpu_seconds
+        return asked.first_cpu_seconds()
     return ProblemRow.k if sort == "k" else getattr(SolutionRow, sort)
-
-
-def _joined(query: Select[Any], wanted: Wanted, sort: Sort) -> Select[Any]:
-    query = query.select_from(SolutionRow).where(*wanted.conditions())
-    if sort == "k":
-        return query.join(ProblemRow, ProblemRow.hash == SolutionRow.problem_hash)
-    if sort == "cpu_seconds":
-        return query.join(SolveRow, SolveRow.id == wanted.first_solve())
-    return query
 
 
 def _beginning(column: Any, order: Order, begin: Begin) -> list[ColumnElement[bool]]:
@@ -92,9 +86,9 @@ def _beginning(column: Any, order: Order, begin: Begin) -> list[ColumnElement[bo
 
 def _mark(rows: Sequence[Row[Any]], limit: int | None) -> str:
     assert limit is not None
-    key, value = rows[limit - 1]
+    last = rows[limit - 1]
     # Hexadecimal keeps every bit of the float, which the next page's comparison needs.
-    return f"{float(value).hex()}_{key}"
+    return f"{float(last[1]).hex()}_{last[0]}"
 
 
 def _read_mark(text: str) -> tuple[float, str]:
