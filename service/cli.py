@@ -126,7 +126,7 @@ def _go_on(coordinator: Coordinator, campaign_id: int, is_new: bool, crew: Crew)
         how = "run" if state == "done" else "cancelled"
         console.print(f"Campaign {campaign_id} has been {how} before; nothing is left to do.")
         return True
-    announce(console, coordinator)
+    announce(console, coordinator, f"/campaigns/{campaign_id}")
     if not is_new:
         console.print(f"Going on with campaign {campaign_id}, which was begun before.")
     if state == "paused":
