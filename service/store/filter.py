@@ -97,7 +97,8 @@ class Wanted:
 
     def first_solve(self) -> ScalarSelect[int]:
         """Return the first solve inside the filter that found the solution of the query around it."""
-        return self._solves(func.min(_Again.id)).correlate(SolutionRow).scalar_subquery()
+        first: ScalarSelect[int] = self._solves(func.min(_Again.id)).correlate(SolutionRow).scalar_subquery()
+        return first
 
     def first_cpu_seconds(self) -> Any:
         """Return the processor time of the same solve, which the index holds."""

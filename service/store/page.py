@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from sqlalchemy import ColumnElement, Row, and_, or_, select
+from sqlalchemy import ColumnElement, and_, or_, select
 from sqlalchemy.orm import Session
 
 from service.db.tables import ProblemRow, SolutionRow
@@ -84,7 +84,7 @@ def _beginning(column: Any, order: Order, begin: Begin) -> list[ColumnElement[bo
     return found
 
 
-def _mark(rows: Sequence[Row[Any]], limit: int | None) -> str:
+def _mark(rows: Sequence[Any], limit: int | None) -> str:
     assert limit is not None
     last = rows[limit - 1]
     # Hexadecimal keeps every bit of the float, which the next page's comparison needs.
