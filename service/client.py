@@ -15,6 +15,7 @@ from urllib.parse import quote
 from pydantic import BaseModel, ValidationError
 
 from service.api import schemas
+from service.api.history_schemas import CampaignCards
 from service.api.lineage_schemas import Reproduction
 from service.store.seeds import SeedsWanted
 from workers.client import TIMEOUT_S, Api, ApiError, Rejected
@@ -55,7 +56,7 @@ _ONE = "/campaigns/{campaign_id}"
 _SEARCH = _ONE + "/searches/{name}"
 _SEEDS = ("campaign", "search", "problem", "outage", "k", "order", "limit", "tolerance", "mapping")
 ROUTES = {
-    "campaigns": Route("GET", "/campaigns", schemas.CampaignPage),
+    "campaigns": Route("GET", "/campaigns", CampaignCards),
     "campaign": Route("GET", _ONE, schemas.CampaignView),
     "submit": Route("POST", "/campaigns", schemas.CampaignView),
     **{verb: Route("POST", f"{_ONE}/{verb}", schemas.CampaignView) for verb in ("pause", "resume", "cancel")},
@@ -128,7 +129,9 @@ class Client:
 
     def campaigns(self) -> list[schemas.CampaignItem]:
         """Return the campaigns, the newest first."""
-        return self._ask("campaigns", schemas.CampaignPage).items
+        cards = self._ask("campaigns", CampaignCards).items
+        # Without what only the page shows, as `Store.campaigns` returns them.
+        return [schemas.CampaignItem.model_validate(card.model_dump()) for card in cards]
 
     def campaign(self, campaign_id: int) -> schemas.CampaignView:
         """Return a campaign with its searches."""

@@ -143,12 +143,6 @@ class MetricsView(Answer):
     paired_changes: list[MetricsRow]
 
 
-class CampaignPage(Answer):
-    """Campaigns, the newest first."""
-
-    items: list[CampaignItem]
-
-
 class Record(Answer):
     """A solution with all that is needed to judge and to reproduce it."""
 

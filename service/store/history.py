@@ -34,9 +34,7 @@ def campaign_history(session: Session, histories: Histories, campaign_id: int) -
     if campaign is None:
         raise UnknownRow("campaign", campaign_id)
     tally = histories.tally(campaign)
-    n_solves = select(func.coalesce(func.sum(SearchRow.n_solves), 0)).where(
-        SearchRow.campaign_id == campaign_id
-    )
+    n_solves = select(func.sum(SearchRow.n_solves)).where(SearchRow.campaign_id == campaign_id)
     strategies = sorted(tally.strategies.items(), key=lambda item: _place(item[1]))
     return HistoryView(
         campaign_id=campaign_id,

@@ -10,9 +10,9 @@ from sqlalchemy.orm import Session
 
 from core.analysis.facts import CampaignFacts
 from service.api import schemas
+from service.api.history_schemas import CampaignCard, HistoryView
 from service.api.lineage_schemas import LineageGraph, Reproduction
 from service.api.problem_schemas import ProblemFamily
-from service.api.history_schemas import CampaignCard, HistoryView
 from service.api.solution_schemas import ChoicesView, ClusterPage, PointsView
 from service.db.engine import Database
 from service.db.place import place_of
@@ -43,11 +43,11 @@ from service.store import (
 from service.store.activity import Activity
 from service.store.control import Verb
 from service.store.errors import StoreError, UnknownRow
+from service.store.filter import Filter
 from service.store.gauges import Gauges, require_writable
 from service.store.histories import Histories
 from service.store.identity import Identities
 from service.store.page import Begin, Order
-from service.store.filter import Filter
 from service.store.seeds import SeedsWanted
 from service.store.specs import spec_fields
 from workers.executor import Ticket

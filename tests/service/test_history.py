@@ -8,8 +8,7 @@ from service.store import Store, histories
 from service.store.bins import MOST_BINS, OutcomeBins
 from service.store.cards import sparkline
 from service.store.tally import Step
-from tests.acceptance import known
-from tests.service.campaigns import finish, spec_fields
+from tests.service.campaigns import dispatcher_on, finish, spec_fields
 from tests.workers.fake import run_fake
 from workers.inline import Inline
 
@@ -61,8 +60,8 @@ def test_a_tally_read_in_pieces_is_that_read_at_once(finished, monkeypatch):
 
 
 def test_new_solves_are_added_to_those_that_are_known(store):
-    known.submitted(store)
-    work, seen = known.dispatcher(store), []
+    store.submit(spec_from(spec_fields()))
+    work, seen = dispatcher_on(store, Inline(run_fake)), []
     while any(item.state != "done" for item in store.campaigns()):
         work.step()
         seen.append(store.campaign_history(1).n_read)

@@ -104,11 +104,14 @@ def test_a_problem_that_differs_from_the_preset_is_written_by_what_differs():
     assert "max_thrust_n = 1.25" in text and "isp_s" not in text
 
 
-PLAIN = st.one_of(st.booleans(), st.integers(-(2**63), 2**63 - 1), st.floats(allow_nan=False), st.text())
-DATA = st.recursive(PLAIN, lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner), max_leaves=8)
+WORDS = st.text(max_size=6)
+PLAIN = st.one_of(st.booleans(), st.integers(-(2**63), 2**63 - 1), st.floats(allow_nan=False), WORDS)
+DATA = st.recursive(
+    PLAIN, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(WORDS, inner, max_size=3), max_leaves=5
+)
 
 
-@settings(max_examples=60, deadline=None)
-@given(st.dictionaries(st.text(), st.dictionaries(st.text(), DATA), min_size=1))
+@settings(max_examples=30, deadline=None)
+@given(st.dictionaries(WORDS, st.dictionaries(WORDS, DATA, max_size=4), min_size=1, max_size=3))
 def test_what_is_written_as_toml_reads_back(tables):
     assert tomllib.loads(toml_text(tables)) == tables

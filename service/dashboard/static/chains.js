@@ -44,7 +44,7 @@ function cell(chain) {
   const title = `95 % interval ${percent(chain.strict_ratio.low)} to ${percent(chain.strict_ratio.high)}`;
   return el(
     "td",
-    { style: `--shade:${Math.round(55 * share)}%`, "data-chain": `${chain.seed_k ?? "drawn"}-${chain.k}`, title },
+    { style: `--shade:${Math.round(45 * share)}%`, "data-chain": `${chain.seed_k ?? "drawn"}-${chain.k}`, title },
     el("strong", {}, percent(share)),
     el("span", {}, used),
     el("span", {}, cost === null ? "no solution yet" : `${number(cost, cost < 100 ? 1 : 0, "core-s")} a solution`),

@@ -26,6 +26,7 @@ import { colour } from "./theme.js";
 
 /** Below this share ratios are drawn on a logarithmic axis. */
 const RARE = 0.01;
+const LEGEND = { orientation: "h", x: 0, y: 1.02, yanchor: "bottom" };
 const UNITS = /** @type {[number, string][]} */ ([[86400, "d"], [3600, "h"], [60, "min"], [1, "s"]]);
 
 /** When the best delta-v of each strategy improved. */
@@ -114,7 +115,7 @@ export class OutcomeMix {
       marker: { color: colour(tint), line: { width: 0 } },
       hovertemplate: `%{y} ${words}<extra></extra>`,
     }));
-    const layout = { barmode: "stack", bargap: 0, xaxis: axis(`Time since the start [${name}]`), yaxis: axis("Solves"), showlegend: true, hovermode: "x" };
+    const layout = { barmode: "stack", bargap: 0, xaxis: axis(`Time since the start [${name}]`), yaxis: axis("Solves"), showlegend: true, hovermode: "x", legend: { ...LEGEND, traceorder: "normal" } };
     await this.figure.show(traces, layout, `Each bar stands for ${width % unit ? duration(width) : number(width / unit, 0, name)}.`);
   }
 }
@@ -191,7 +192,7 @@ export class Boxes {
     const isNarrow = this.figure.plot.clientWidth < 14 * boxes.length + 90;
     const ticks = { tickvals: places, ticktext: isNarrow ? boxes.map(() => "") : boxes.map(durationText), tickangle: -90, tickfont: { size: 10 }, showgrid: false };
     const names = strategies.map((strategy) => ({ x: middle(strategy), y: 1, yref: "paper", yanchor: "bottom", text: strategy, showarrow: false, textangle: strategies.length > 5 ? -40 : 0, font: { size: 11 } }));
-    const layout = { xaxis: axis(isNarrow ? "Duration of each outage, growing to the right" : "Duration of each outage [d]", ticks), yaxis: axis("Δv [km/s]"), annotations: names, margin: { l: 64, r: 24, t: 44, b: 60 } };
+    const layout = { xaxis: axis(isNarrow ? "Longer outages to the right" : "Duration of each outage [d]", ticks), yaxis: axis("Δv [km/s]"), annotations: names, margin: { l: 64, r: 24, t: 44, b: 60 } };
     const shown = boxes.reduce((sum, box) => sum + box.sample_km_s.length, 0);
     const all = boxes.reduce((sum, box) => sum + box.n_solutions, 0);
     const points = shown < all ? `${number(shown, 0)} of ${number(all, 0)} solutions are drawn as points, evenly by rank; boxes are of all. ` : "";

@@ -97,6 +97,8 @@ function headFacts(campaign) {
   const guesses = sum === null ? number(campaign.n_solves, 0) : `${number(campaign.n_solves, 0)} of ${number(Math.max(sum, campaign.n_solves), 0)}`;
   /** @type {[string, string][]} */
   const going = [["Remaining", duration(campaign.eta_seconds)], ["Rate", number(campaign.rate_per_min, 1, "guesses/min")]];
+  /** @type {[string, string]} */
+  const priority = ["Priority", String(campaign.priority)];
   return [
     ["Best Δv", number(campaign.best_delta_v_km_s, 4, "km/s")],
     ["Guesses", guesses],
@@ -104,7 +106,7 @@ function headFacts(campaign) {
     ["Elapsed", duration(campaign.elapsed_seconds)],
     ...(isOver ? [] : going),
     ["CPU", duration(campaign.cpu_seconds)],
-    ["Priority", String(campaign.priority)],
+    ...(campaign.priority === 0 ? [] : [priority]),
     ["rng_seed", String(campaign.rng_seed)],
   ];
 }
