@@ -4,6 +4,7 @@ from collections.abc import Callable
 from importlib.metadata import version
 
 from fastapi import FastAPI
+from fastapi.middleware.gzip import GZipMiddleware
 
 from service.api import (
     archive,
@@ -82,5 +83,7 @@ def create_app(
     app.include_router(session.pages)
     finish_document(app)
     app.state.streams = Streams(access.settings.streams_per_client)
+    # A trajectory shrinks to a third; streams of events stay as they are.
+    app.add_middleware(GZipMiddleware, minimum_size=2000, compresslevel=5)
     app.add_middleware(Guard, store=store, access=access, streams=app.state.streams)
     return app

@@ -14,7 +14,7 @@ from service.api.context import Hash, Limit, StoreHere
 from service.api.export import CSV
 from service.api.lineage_schemas import LineageGraph, Reproduction
 from service.api.solution_files import state_lines, vector_lines
-from service.dashboard.pictures import flight_as_json
+from service.dashboard.pictures import MOST_SAMPLES, flight_as_json
 
 router = APIRouter(tags=["solutions"])
 
@@ -26,14 +26,27 @@ EXPORT_EXAMPLE = (
 
 
 @router.get("/solutions/{solution_id}/trajectory")
-def get_trajectory(solution_id: Hash, store: StoreHere) -> dict[str, Any]:
+def get_trajectory(
+    solution_id: Hash,
+    store: StoreHere,
+    samples: Annotated[
+        int,
+        Query(
+            ge=100,
+            le=MOST_SAMPLES,
+            description="Of all trajectories, about; those of a longer one are thinned",
+        ),
+    ] = MOST_SAMPLES,
+    tracks: Annotated[
+        Literal["all", "inertial"], Query(description="Positions in all frames, or in the inertial one alone")
+    ] = "all",
+) -> dict[str, Any]:
     """Return the solution flown: samples per trajectory [km, kg, days past departure], the Moon, the target.
 
-    There are at most some 4000 samples of all trajectories; those of a longer solution are thinned, arc by
-    arc, and `n_samples` says how many there were.
+    Those of a longer solution are thinned, arc by arc, and `n_samples` says how many there were.
     """
     definition, x = store.definition_and_vector(solution_id)
-    return _pictured(json.dumps(definition), x.tobytes())
+    return _pictured(json.dumps(definition), x.tobytes(), samples, tracks == "all")
 
 
 @router.get("/solutions/{solution_id}/lineage")
@@ -79,5 +92,5 @@ def _flown(definition: str, vector: bytes) -> Flight:
 
 
 @lru_cache(maxsize=64)
-def _pictured(definition: str, vector: bytes) -> dict[str, Any]:
-    return flight_as_json(_flown(definition, vector))
+def _pictured(definition: str, vector: bytes, samples: int, has_frames: bool) -> dict[str, Any]:
+    return flight_as_json(_flown(definition, vector), samples, has_frames)

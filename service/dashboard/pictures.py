@@ -16,16 +16,28 @@ DAYS, KM, KM_S, KG, RAD, SHARE = 5, 0, 5, 3, 4, 4
 MOST_SAMPLES = 4000
 
 
-def flight_as_json(flight: Flight, most: int = MOST_SAMPLES) -> dict[str, Any]:
-    """Return the trajectories, the Moon's path and the target's as plain data."""
+def flight_as_json(flight: Flight, most: int = MOST_SAMPLES, has_frames: bool = True) -> dict[str, Any]:
+    """Return the trajectories, the Moon's path and the target's as plain data.
+
+    Without its frames a flight takes half the room: they follow from the paths of the Moon.
+    """
     n_samples = sum(len(trajectory.days) for trajectory in flight.trajectories)
     share = min(1.0, most / n_samples)
-    return {
+    sent = {
         "trajectories": [_trajectory(trajectory, share) for trajectory in flight.trajectories],
         "moon": _path(flight.moon),
         "target": _path(flight.target),
         "n_samples": n_samples,
     }
+    return sent if has_frames else _without_frames(sent)
+
+
+def _without_frames(sent: dict[str, Any]) -> dict[str, Any]:
+    for track in (*sent["trajectories"], sent["moon"]):
+        del track["rotating_km"], track["moon_km"]
+    # The target's path may go on after the last arrival, where the Moon's ends: it keeps a Moon of its own.
+    del sent["target"]["rotating_km"]
+    return sent
 
 
 def _trajectory(flown: FlownTrajectory, share: float) -> dict[str, Any]:

@@ -20,7 +20,7 @@ export function showLegend(place, flight, frame, hidden, onSwitch) {
     input.addEventListener("change", () => onSwitch(index, /** @type {HTMLInputElement} */ (input).checked));
     const swatches = [swatch("thick", color, dash), swatch("thin", index === 0 ? colour("coast") : color, dash)];
     const about = trajectory.outage && el("small", { class: "muted" }, outageText(trajectory));
-    return el("li", {}, el("label", { class: "check" }, input, swatches, el("span", {}, nameOf(index), " ", about)));
+    return el("li", {}, el("label", {}, input, swatches, el("span", {}, nameOf(index), " ", about)));
   });
   /** @type {[string, string, string][]} */
   const others = [["medium", colour("target"), "target orbit"]];

@@ -4,6 +4,7 @@
 import { ApiError, get } from "./api.js";
 import { byId, el, fill } from "./dom.js";
 import { FRAMES, lastDay } from "./flight.js";
+import { completed } from "./frames.js";
 import { showLegend } from "./flight_legend.js";
 import { parameter, setParameters } from "./page.js";
 import { ProfileFigures } from "./profile.js";
@@ -11,6 +12,9 @@ import { TimeSlider } from "./time_slider.js";
 import { TrajectoryFigure } from "./trajectory.js";
 
 /** @typedef {import("./flight.js").Frame} Frame */
+
+/** Of all trajectories: as many as a picture of this size shows. */
+const SAMPLES = 2000;
 
 export class FlightView {
   constructor() {
@@ -38,7 +42,7 @@ export class FlightView {
     this.mark();
     try {
       /** @type {import("./flight.js").Flight} */
-      this.flight = await get(`/solutions/${id}/trajectory`);
+      this.flight = completed(await get(`/solutions/${id}/trajectory`, { samples: SAMPLES, tracks: "inertial" }));
     } catch (error) {
       if (!(error instanceof ApiError)) throw error;
       fill(this.waiting, `The trajectory could not be drawn: ${error.message} Load this page again to try once more.`);

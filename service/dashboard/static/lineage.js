@@ -16,6 +16,8 @@ import { colour } from "./theme.js";
  */
 
 const BOX = { width: 168, height: 44 };
+/** Below this width boxes are so narrow that two stand beside each other. */
+const [NARROW, NARROW_BOX] = [420, 137];
 const GAP = { x: 12, y: 46 };
 /** Space of a line of children, and of the words above a group of them. */
 const CHILD_GAP = 10;
@@ -48,17 +50,18 @@ function caption({ nodes, children, n_children: all, n_mapped: solves }) {
  * @param {number} width
  */
 function drawing(lineage, width) {
+  const boxWidth = width < NARROW ? NARROW_BOX : BOX.width;
   const rows = layers(lineage);
   /** @type {Map<string, Place>} */
   const places = new Map();
   rows.forEach((row, depth) => {
-    const gap = Math.min(GAP.x * 3, (width - row.length * BOX.width) / Math.max(1, row.length - 1));
-    row.forEach((node, i) => places.set(node.id, { x: i * (BOX.width + gap), y: 2 + depth * (BOX.height + GAP.y) }));
+    const gap = Math.min(GAP.x * 3, (width - row.length * boxWidth) / Math.max(1, row.length - 1));
+    row.forEach((node, i) => places.set(node.id, { x: i * (boxWidth + gap), y: 2 + depth * (BOX.height + GAP.y) }));
   });
   const lines = edges(lineage, places);
-  const boxes = lineage.nodes.map((node) => box(node, /** @type {Place} */ (places.get(node.id)), node.id === lineage.id));
+  const boxes = lineage.nodes.map((node) => box(node, /** @type {Place} */ (places.get(node.id)), boxWidth, node.id === lineage.id));
   const top = rows.length * (BOX.height + GAP.y) - GAP.y + 2;
-  const below = groups(lineage, top, width);
+  const below = groups(lineage, top, width, boxWidth);
   return { height: below.height, content: [...lines, ...below.content, ...boxes] };
 }
 
@@ -118,8 +121,9 @@ function arrow(x, y) {
  * @param {Lineage} lineage
  * @param {number} top
  * @param {number} width
+ * @param {number} boxWidth
  */
-function groups(lineage, top, width) {
+function groups(lineage, top, width, boxWidth) {
   /** @type {Map<string, Child[]>} */
   const grouped = new Map();
   for (const child of lineage.children) {
@@ -127,7 +131,7 @@ function groups(lineage, top, width) {
     grouped.set(key, [...(grouped.get(key) ?? []), child]);
   }
   const ordered = [...grouped.values()].sort((a, b) => compareStrategies(a[0].strategy, b[0].strategy) || (a[0].mapping < b[0].mapping ? -1 : 1));
-  const perRow = Math.max(1, Math.floor((width - INDENT + CHILD_GAP) / (BOX.width + CHILD_GAP)));
+  const perRow = Math.max(1, Math.floor((width - INDENT - 14 + CHILD_GAP) / (boxWidth + CHILD_GAP)));
   const content = [];
   let y = top + 14;
   let last = top;
@@ -138,8 +142,8 @@ function groups(lineage, top, width) {
     content.push(svg("text", { x: INDENT + 20, y: last + 4, fill: colour("muted"), "font-size": 11.5 }, words));
     y += GROUP_HEAD;
     children.forEach((child, i) => {
-      const place = { x: INDENT + 14 + (i % perRow) * (BOX.width + CHILD_GAP), y: y + Math.floor(i / perRow) * (BOX.height + CHILD_GAP) };
-      content.push(box(child, place, false));
+      const place = { x: INDENT + 14 + (i % perRow) * (boxWidth + CHILD_GAP), y: y + Math.floor(i / perRow) * (BOX.height + CHILD_GAP) };
+      content.push(box(child, place, boxWidth, false));
     });
     y += Math.ceil(children.length / perRow) * (BOX.height + CHILD_GAP) + 4;
   }
@@ -150,14 +154,15 @@ function groups(lineage, top, width) {
 /**
  * @param {Node_} node
  * @param {Place} place
+ * @param {number} width
  * @param {boolean} isThis
  */
-function box(node, { x, y }, isThis) {
+function box(node, { x, y }, width, isThis) {
   const look = lookOf(node.strategy);
   const value = `${number(node.delta_v_km_s, 4)} km/s`;
   const told = `${node.strategy} ${shortId(node.id)}, ${value}, ${node.strict ? "strict" : "paper only"}${isThis ? ", this solution" : ""}`;
   const frame = {
-    x: 0.75, y: 0.75, width: BOX.width - 1.5, height: BOX.height - 1.5, rx: 8,
+    x: 0.75, y: 0.75, width: width - 1.5, height: BOX.height - 1.5, rx: 8,
     fill: colour(isThis ? "raised" : "card"), stroke: isThis ? colour("accent") : colour("line-strong"), "stroke-width": isThis ? 2 : 1,
   };
   const content = [
@@ -165,8 +170,8 @@ function box(node, { x, y }, isThis) {
     svg("rect", frame),
     svg("rect", { x: 8, y: 10, width: 4, height: BOX.height - 20, rx: 2, fill: look.color }),
     svg("text", { x: 20, y: 18, "font-weight": 600 }, node.strategy),
-    svg("text", { x: BOX.width - 10, y: 18, "text-anchor": "end", fill: colour("muted"), "font-size": 11, "font-family": "monospace" }, shortId(node.id)),
-    svg("text", { x: 20, y: 35, fill: colour("muted"), "font-size": 11.5 }, `Δv ${value}${node.strict ? "" : " · paper"}`),
+    svg("text", { x: width - 10, y: 18, "text-anchor": "end", fill: colour("muted"), "font-size": 11, "font-family": "monospace" }, shortId(node.id)),
+    svg("text", { x: 20, y: 35, fill: colour("muted"), "font-size": 11.5 }, `${width < BOX.width ? "" : "Δv "}${value}${node.strict ? "" : " · paper"}`),
   ];
   const at = { transform: `translate(${x},${y})`, "data-node": node.id };
   if (isThis) return svg("g", { ...at, "aria-current": "page" }, content);

@@ -188,7 +188,7 @@ function layout(flight, shown, rows) {
   const axis = { gridcolor: colour("line"), linecolor: colour("line-strong"), zeroline: false };
   const axes = rows.map((row, place) => {
     const name = place === 0 ? "yaxis" : `yaxis${place + 1}`;
-    return [name, { ...axis, fixedrange: true, domain: [row.from, row.to], title: { text: row.title, standoff: 6 }, ...row.axis }];
+    return [name, { ...axis, fixedrange: true, domain: [row.from, row.to], title: { text: row.title, standoff: 6, font: { size: 11 } }, ...row.axis }];
   });
   return {
     margin: { l: 76, r: 10, t: 22, b: 42 },

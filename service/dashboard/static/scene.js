@@ -113,7 +113,7 @@ export function sceneLayout(frame, aspectratio, width) {
   });
   const eyes = { rotating: [0.1, -1.02, 0.8], inertial: [0.36, -0.76, 1.06], moon: [1.0, -1.05, 0.33] };
   // A narrow picture shows all of the scene from further away, a wide one from nearby.
-  const nearness = width < 500 ? 1.3 : width > 900 && frame !== "moon" ? 0.85 : 1;
+  const nearness = width < 500 ? 1.3 : frame === "moon" ? 1.12 : width > 900 ? 0.85 : 1;
   const [x, y, z] = eyes[frame].map((value) => value * nearness);
   return {
     margin: { l: 0, r: 0, t: 0, b: 0 },

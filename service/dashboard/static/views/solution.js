@@ -95,7 +95,7 @@ function origin() {
     ["Iterations", number(record.n_iterations, 0)],
     ["Evaluations", number(record.n_evaluations, 0)],
     ["Processor time", number(record.cpu_seconds, 1, "s")],
-    ["Verifier", `${record.verification.integrator ?? "–"}`],
+    ["Verifier", String(record.verification.integrator ?? "–").replace("scipy.integrate.", "SciPy, ")],
     ["Random key", el("code", {}, record.rng_key)],
     ["Code", el("code", {}, record.code_version)],
     ["Host", record.host],
