@@ -17,13 +17,13 @@ SPEC = {
         {
             "id": "adaptive",
             "strategy": "S(0)",
-            "guesses": 180,
+            "guesses": 120,
             "hops": 12,
             "hop_law": "pareto",
             "adaptive": True,
             "max_failures": 4,
         },
-        {"id": "fresh", "strategy": "S(0)", "guesses": 40},
+        {"id": "fresh", "strategy": "S(0)", "guesses": 24},
         {
             "id": "mapped",
             "strategy": "S(1|0)",
