@@ -77,6 +77,7 @@ FRAMES_AS_SENT = """async (id) => {
 }"""
 
 
+@pytest.mark.screens
 def test_frames_made_in_the_page_are_those_of_the_service(robust, visit):
     record, address = robust
     for rotating, moon in visit(address).evaluate(FRAMES_AS_SENT, record.id):
@@ -106,6 +107,7 @@ def test_arrow_keys_move_the_spacecraft_the_date_and_the_mark_in_the_profiles(ro
     assert "day=10.5" in page.url
 
 
+@pytest.mark.screens
 def test_it_plays_to_the_end_and_rests(robust, visit):
     page = flown(visit(robust[1]))
     last = float(page.get_attribute("#moment", "max"))

@@ -171,7 +171,7 @@ function box(node, { x, y }, width, isThis) {
     svg("rect", { x: 8, y: 10, width: 4, height: BOX.height - 20, rx: 2, fill: look.color }),
     svg("text", { x: 20, y: 18, "font-weight": 600 }, node.strategy),
     svg("text", { x: width - 10, y: 18, "text-anchor": "end", fill: colour("muted"), "font-size": 11, "font-family": "monospace" }, shortId(node.id)),
-    svg("text", { x: 20, y: 35, fill: colour("muted"), "font-size": 11.5 }, `${width < BOX.width ? "" : "Δv "}${value}${node.strict ? "" : " · paper"}`),
+    svg("text", { x: 20, y: 35, fill: colour("muted"), "font-size": width < BOX.width ? 10.5 : 11.5 }, `${width < BOX.width ? "" : "Δv "}${value}${node.strict ? "" : " · paper"}`),
   ];
   const at = { transform: `translate(${x},${y})`, "data-node": node.id };
   if (isThis) return svg("g", { ...at, "aria-current": "page" }, content);
