@@ -14,6 +14,7 @@ from service.store import Store
 from service.store.filter import Filter
 from tests.acceptance import known
 from tests.service.campaigns import finish, spec_fields, submitted
+from tests.service.databases import needs_postgres
 
 API = "/api/v1"
 
@@ -38,6 +39,11 @@ def test_a_seed_knows_what_became_of_its_guesses(client, finished):
     assert answer["command"] == f"coastarc solutions reproduce {seed}"
 
 
+@pytest.mark.parametrize(
+    "store",
+    ["sqlite", pytest.param("postgresql", marks=[pytest.mark.postgres, needs_postgres])],
+    indirect=True,
+)
 def test_of_many_children_the_best_are_listed_and_all_are_counted(client, finished):
     seed = finished.all_records(Filter(search="s1-0"))[0].seed_id
     every = client.get(f"{API}/solutions/{seed}/lineage").json()
