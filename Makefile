@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test same chaos lint clean
+.PHONY: run test browser same chaos lint clean
 
 run: $(VENV)/.installed
 	$(BIN)/coastarc run examples/quick.toml
@@ -19,6 +19,9 @@ same: $(VENV)/.installed-test
 # What one run drew is drawn again by `make chaos CHAOS="--rng-seed N"`, one round of it with `--round NAME` too.
 chaos: $(VENV)/.installed-test
 	$(BIN)/python -m tests.chaos $(CHAOS)
+
+browser: $(VENV)/.installed-test
+	COASTARC_REQUIRE_BROWSER=1 $(BIN)/python -m pytest -m '' tests/browser
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .

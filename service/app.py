@@ -4,18 +4,25 @@ from collections.abc import Callable
 from importlib.metadata import version
 
 from fastapi import FastAPI
+from fastapi.middleware.gzip import GZipMiddleware
 
 from service.api import (
+    archive,
+    attempts,
     campaigns,
     events,
+    flights,
     health,
+    history,
     jobs,
     metrics,
     pages,
     problems,
+    searches,
     seeds,
     session,
     solutions,
+    specs,
     tokens,
 )
 from service.api.document import finish_document
@@ -28,10 +35,17 @@ from service.store import Store
 
 ROUTERS = (
     campaigns.router,
+    history.router,
+    specs.router,
     metrics.router,
+    # Before the solutions, one of which "points" would else be.
+    archive.router,
     solutions.router,
+    flights.router,
     problems.router,
+    searches.router,
     jobs.router,
+    attempts.router,
     events.router,
     seeds.router,
     session.router,
@@ -69,5 +83,7 @@ def create_app(
     app.include_router(session.pages)
     finish_document(app)
     app.state.streams = Streams(access.settings.streams_per_client)
+    # A trajectory shrinks to a third; streams of events stay as they are.
+    app.add_middleware(GZipMiddleware, minimum_size=2000, compresslevel=5)
     app.add_middleware(Guard, store=store, access=access, streams=app.state.streams)
     return app

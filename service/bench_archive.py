@@ -53,7 +53,6 @@ SOLVE = {
     "created_at": 0.0,
 }
 JOB = {
-    "hop": 0,
     "n_hops": 1,
     "state": "done",
     "priority": 0,
@@ -158,13 +157,17 @@ class _Maker:
         for number in range(n):
             case = number % len(self.problems)
             mapping = self.search.mapping[0] if seeds else None
+            seed_id = seeds[number % len(seeds)] if seeds else None
+            # The chain of a mapped seed is its hash; so often as it is mapped again, its hop differs.
+            chain, hop = (seed_id, number // len(seeds)) if seeds else (f"{FIRST_CHAIN + number:032x}", 0)
             place = {
                 "id": first_job + number,
                 "search_id": search_id,
                 "case_index": case,
-                "chain": f"{FIRST_CHAIN + number:032x}",
+                "chain": chain,
+                "hop": hop,
             }
-            seed = {"seed_id": seeds[number % len(seeds)] if seeds else None, "mapping": mapping}
+            seed = {"seed_id": seed_id, "mapping": mapping}
             kind = {"kind": "map" if seeds else "hop"}
             solution = self._solution(case, centres[case]) if self.rng.random() < FEASIBLE else None
             solve = {"job_id": place["id"]} | self._solve(search_id, solution)
@@ -192,6 +195,7 @@ class _Maker:
         lower, upper = self.boxes[case]
         x = lower + (upper - lower) * place
         mass = float(self.rng.uniform(12_500, 13_100))
+        shooting, first, last = self.rng.uniform((40.0, 0.0, 1.0), (90.0, 9.0, 9.0)).tolist()
         return {
             "id": solution_hash(self.hashes[case], x),
             "problem_hash": self.hashes[case],
@@ -200,10 +204,10 @@ class _Maker:
             "propellant_kg": START_MASS_KG - mass,
             "delta_v_km_s": float(26.55465 * np.log(START_MASS_KG / mass)),
             "delta_v_total_km_s": float(26.55465 * np.log(15_000 / mass)),
-            "shooting_days": 40.0,
-            "initial_coast_days": 1.0,
-            "final_coast_days": 2.0,
-            "time_of_flight_days": 43.0,
+            "shooting_days": shooting,
+            "initial_coast_days": first,
+            "final_coast_days": last,
+            "time_of_flight_days": first + shooting + last,
             "insertion_epoch": "2026-06-06T00:00:00.000",
             "arrival_epoch": "2026-06-08T00:00:00.000",
             "defects": np.zeros(7),

@@ -29,6 +29,7 @@ from service.cli_options import (
     print_json,
 )
 from service.cli_report import report
+from service.cli_reproduce import reproduce_command
 from service.cli_run import announce, crew_of, run_to_end, serve_until_interrupted
 from service.cli_token import TokenError, token
 from service.client import ClientError
@@ -41,7 +42,8 @@ from service.security import BindError
 from service.settings import SettingsError
 from service.spec import SpecError, load_spec
 from service.store import Store, StoreError
-from service.store.records import Filter
+from service.store.filter import filter_of
+from service.store.page import Order, Sort
 from workers.client import ApiError
 from workers.dispatch import ExecutorKind
 from workers.executor import ExecutorError
@@ -72,6 +74,7 @@ app = typer.Typer(
 )
 solutions = typer.Typer(help="Look at solutions.", no_args_is_help=True)
 app.add_typer(solutions, name="solutions")
+solutions.command("reproduce")(reproduce_command)
 app.add_typer(bench, name="bench")
 app.command()(report)
 app.add_typer(db, name="db")
@@ -126,7 +129,7 @@ def _go_on(coordinator: Coordinator, campaign_id: int, is_new: bool, crew: Crew)
         how = "run" if state == "done" else "cancelled"
         console.print(f"Campaign {campaign_id} has been {how} before; nothing is left to do.")
         return True
-    announce(console, coordinator)
+    announce(console, coordinator, f"/campaigns/{campaign_id}")
     if not is_new:
         console.print(f"Going on with campaign {campaign_id}, which was begun before.")
     if state == "paused":
@@ -185,15 +188,29 @@ def list_solutions(
     data: Data = DATA,
     campaign: CampaignId = None,
     search: Annotated[str | None, typer.Option(help="Name of a search.")] = None,
+    strategy: Annotated[str | None, typer.Option(help='Strategy, as "S(1|0)".')] = None,
+    k: Annotated[int | None, typer.Option(min=0, help="Number of outages survived.")] = None,
+    segment: Annotated[int | None, typer.Option(min=1, help="Segment that an outage misses.")] = None,
+    duration: Annotated[float | None, typer.Option(help="Length of the same outage, in days.")] = None,
     strict: Annotated[
         bool | None, typer.Option("--strict/--paper-only", help="Only those that are, or are not, strict.")
     ] = None,
+    sort: Annotated[Sort, typer.Option(help="What they are sorted by.")] = "objective_kg",
     limit: Annotated[int | None, typer.Option(min=1, help="At most so many, the best first.")] = None,
     as_json: Json = False,
 ) -> None:
     """List verified solutions, the least propellant first."""
+    wanted = filter_of(
+        campaign=campaign,
+        search=search,
+        strategy=strategy,
+        k=k,
+        segment=segment,
+        duration_days=duration,
+        strict=strict,
+    )
     with Store(data, read_only=True) as store:
-        records = store.all_records(Filter(campaign, search, strict), limit)
+        records = store.all_records(wanted, limit, Order(sort))
     _show(records, terminal.solution_list(records), as_json)
 
 

@@ -25,9 +25,9 @@ def crew_of(executor: ExecutorKind, n_workers: int) -> Crew:
     return Crew(n_workers, executor, RUNNER)
 
 
-def announce(console: Console, coordinator: Coordinator) -> None:
-    """Print where to look."""
-    console.print(f"Live page: {coordinator.url}", highlight=False)
+def announce(console: Console, coordinator: Coordinator, page: str = "") -> None:
+    """Print where to look; `page` is the path of one below the address."""
+    console.print(f"Live page: {coordinator.url}{page}", highlight=False, soft_wrap=True)
     console.print(f"Archive:   {coordinator.store.folder}", highlight=False, soft_wrap=True, markup=False)
 
 

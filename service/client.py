@@ -15,6 +15,8 @@ from urllib.parse import quote
 from pydantic import BaseModel, ValidationError
 
 from service.api import schemas
+from service.api.history_schemas import CampaignCards
+from service.api.lineage_schemas import Reproduction
 from service.store.seeds import SeedsWanted
 from workers.client import TIMEOUT_S, Api, ApiError, Rejected
 from workers.source import Unreachable
@@ -54,7 +56,7 @@ _ONE = "/campaigns/{campaign_id}"
 _SEARCH = _ONE + "/searches/{name}"
 _SEEDS = ("campaign", "search", "problem", "outage", "k", "order", "limit", "tolerance", "mapping")
 ROUTES = {
-    "campaigns": Route("GET", "/campaigns", schemas.CampaignPage),
+    "campaigns": Route("GET", "/campaigns", CampaignCards),
     "campaign": Route("GET", _ONE, schemas.CampaignView),
     "submit": Route("POST", "/campaigns", schemas.CampaignView),
     **{verb: Route("POST", f"{_ONE}/{verb}", schemas.CampaignView) for verb in ("pause", "resume", "cancel")},
@@ -69,6 +71,7 @@ ROUTES = {
         "GET", "/solutions", schemas.RecordPage, ("campaign", "search", "strict", "limit", "after")
     ),
     "record": Route("GET", "/solutions/{solution_id}", schemas.RecordWithVector),
+    "reproduction": Route("GET", "/solutions/{solution_id}/reproduction", Reproduction),
     "seeds": Route("GET", "/seeds", schemas.SeedPage, _SEEDS),
     "jobs": Route("GET", "/jobs", schemas.JobPage, ("campaign", "search", "state", "limit", "after")),
     "job": Route("GET", "/jobs/{job_id}", schemas.JobView),
@@ -144,7 +147,9 @@ class Client:
 
     def campaigns(self) -> list[schemas.CampaignItem]:
         """Return the campaigns, the newest first."""
-        return self._ask("campaigns", schemas.CampaignPage).items
+        cards = self._ask("campaigns", CampaignCards).items
+        # Without what only the page shows, as `Store.campaigns` returns them.
+        return [schemas.CampaignItem.model_validate(card.model_dump()) for card in cards]
 
     def campaign(self, campaign_id: int) -> schemas.CampaignView:
         """Return a campaign with its searches."""
@@ -174,6 +179,10 @@ class Client:
     def record(self, solution_id: str) -> schemas.RecordWithVector:
         """Return a solution with its vector."""
         return self._ask("record", schemas.RecordWithVector, solution_id=solution_id)
+
+    def reproduction(self, solution_id: str) -> Reproduction:
+        """Return the job that found a solution, and what it gave."""
+        return self._ask("reproduction", Reproduction, solution_id=solution_id)
 
     def seeds_of_search(self, campaign_id: int, search: str, wanted: SeedsWanted) -> schemas.SeedPage:
         """Return what would seed a search, and how."""

@@ -17,7 +17,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from service.api.errors import failed, forbidden, problem_response, too_many, unauthorized, unrouted
 from service.limits import Buckets, Streams
 from service.request_body import BodyFault, read_body, replayed
-from service.rights import ANYONE, LOGGED_AS_ATTEMPTS, RIGHTS, STREAMS, Role, least
+from service.rights import ANYONE, RIGHTS, STREAMS, UNLOGGED, Role, least
 from service.route_index import RouteIndex
 from service.security import (
     ANSWER_HEADERS,
@@ -179,7 +179,7 @@ class Guard:
     def audit(self, visit: Visit, status: int) -> None:
         """Write down what a changing request is answered."""
         who = visit.identity
-        if who is not None and visit.line in LOGGED_AS_ATTEMPTS and (status < 400 or status == 409):
+        if who is not None and visit.line in UNLOGGED and (status < 400 or status == 409):
             return
         if who is None and self._nobody.take(""):
             return

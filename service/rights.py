@@ -7,6 +7,8 @@ apart: it reads, and takes, keeps and returns jobs, but changes nothing else.
 import re
 from enum import StrEnum
 
+from service.dashboard.views import VIEWS
+
 
 class Role(StrEnum):
     """What a token is for."""
@@ -30,7 +32,7 @@ WORKERS = frozenset({Role.WORKER, Role.ADMIN})
 _API = "/api/v1"
 #: Verb and path, with {} where a path has a parameter.
 RIGHTS: dict[str, frozenset[Role] | None] = {
-    "GET /": READERS,
+    **{f"GET {re.sub('{[^}]*}', '{}', view.path)}": READERS for view in VIEWS},
     "GET /static/{}": ANYONE,
     "GET /sign-in": ANYONE,
     "POST /sign-in": ANYONE,
@@ -52,30 +54,48 @@ RIGHTS: dict[str, frozenset[Role] | None] = {
     f"GET {_API}/audit": ADMINS,
     f"GET {_API}/workers": READERS,
     f"GET {_API}/events": READERS,
+    f"GET {_API}/events/stream": READERS,
     f"GET {_API}/problems": READERS,
     f"POST {_API}/problems": SUBMITTERS,
     f"GET {_API}/problems/{{}}": READERS,
+    f"GET {_API}/problems/{{}}/structure": READERS,
+    f"GET {_API}/problems/{{}}/family": READERS,
     f"GET {_API}/seeds": READERS,
+    f"POST {_API}/specs/check": READERS,
+    f"GET {_API}/specs/templates": READERS,
     f"GET {_API}/campaigns": READERS,
     f"POST {_API}/campaigns": SUBMITTERS,
     f"GET {_API}/campaigns/{{}}": READERS,
+    f"GET {_API}/campaigns/{{}}/history": READERS,
+    f"GET {_API}/campaigns/{{}}/spec": READERS,
     f"GET {_API}/campaigns/{{}}/events": READERS,
     f"GET {_API}/campaigns/{{}}/metrics": READERS,
     f"POST {_API}/campaigns/{{}}/pause": SUBMITTERS,
     f"POST {_API}/campaigns/{{}}/resume": SUBMITTERS,
     f"POST {_API}/campaigns/{{}}/cancel": SUBMITTERS,
     f"POST {_API}/campaigns/{{}}/priority": SUBMITTERS,
+    f"POST {_API}/campaigns/{{}}/requeue": SUBMITTERS,
+    f"GET {_API}/campaigns/{{}}/searches/{{}}": READERS,
+    f"GET {_API}/campaigns/{{}}/searches/{{}}/hops": READERS,
     f"POST {_API}/campaigns/{{}}/searches/{{}}/pause": SUBMITTERS,
     f"POST {_API}/campaigns/{{}}/searches/{{}}/resume": SUBMITTERS,
     f"POST {_API}/campaigns/{{}}/searches/{{}}/cancel": SUBMITTERS,
     f"POST {_API}/campaigns/{{}}/searches/{{}}/weight": SUBMITTERS,
     f"POST {_API}/campaigns/{{}}/searches/{{}}/priority": SUBMITTERS,
     f"GET {_API}/solutions": READERS,
+    f"GET {_API}/solutions/points": READERS,
+    f"GET {_API}/solutions/clusters": READERS,
+    f"GET {_API}/solutions/choices": READERS,
     f"GET {_API}/solutions/{{}}": READERS,
     f"GET {_API}/solutions/{{}}/trajectory": READERS,
     f"GET {_API}/solutions/{{}}/lineage": READERS,
+    f"GET {_API}/solutions/{{}}/export": READERS,
+    f"GET {_API}/solutions/{{}}/reproduction": READERS,
+    f"GET {_API}/attempts": READERS,
+    f"GET {_API}/queue": READERS,
     f"GET {_API}/jobs": READERS,
     f"GET {_API}/jobs/{{}}": READERS,
+    f"GET {_API}/jobs/{{}}/attempts": READERS,
     f"POST {_API}/jobs/{{}}/requeue": SUBMITTERS,
     f"POST {_API}/jobs/{{}}/cancel": SUBMITTERS,
     f"POST {_API}/jobs/claim": WORKERS,
@@ -84,9 +104,10 @@ RIGHTS: dict[str, frozenset[Role] | None] = {
     f"POST {_API}/jobs/complete-many": WORKERS,
 }
 #: Answers that stay open; how many of them a token may have is limited.
-STREAMS = frozenset({f"GET {_API}/campaigns/{{}}/events"})
-#: Changes whose trail is the attempt table; said again in the audit they would bury the rest of it.
-LOGGED_AS_ATTEMPTS = frozenset(line for line, roles in RIGHTS.items() if roles == WORKERS)
+STREAMS = frozenset({f"GET {_API}/campaigns/{{}}/events", f"GET {_API}/events/stream"})
+#: Not said again in the audit, whose rest they would bury: changes whose trail is the attempt table, and a
+#: question that is asked as somebody types and changes nothing.
+UNLOGGED = {f"POST {_API}/specs/check", *(line for line, roles in RIGHTS.items() if roles == WORKERS)}
 
 
 def line_of(method: str, template: str) -> str:

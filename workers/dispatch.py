@@ -34,6 +34,7 @@ from workers.job import Message, RowId, WorkerInfo
 from workers.process_pool import ProcessPool
 from workers.provenance import code_version
 from workers.source import Refused
+from workers.usage import Usage
 
 RUNNER = "workers.run:run_job"
 #: Exit codes: somebody has to mend something; a new dispatcher will do.
@@ -86,7 +87,8 @@ def dispatch(order: DispatchOrder, stop: threading.Event) -> None:
         try:
             worker = _worker(order, executor)
             log_lines.sign(worker=worker.name)
-            Dispatcher(HttpSource(api), executor, worker, order.campaign_id).run(stop.is_set)
+            source = HttpSource(api)
+            Dispatcher(source, executor, worker, order.campaign_id, Usage()).run(stop.is_set)
         finally:
             executor.close()
 

@@ -25,6 +25,7 @@ from workers.job import (
     wall_limit_s,
 )
 from workers.source import Faulty, JobSource, SourceError, StaleAttempt, Unacceptable, Unreachable
+from workers.usage import Usage
 
 __all__ = ["Dispatcher", "StaleAttempt"]
 
@@ -48,11 +49,17 @@ class Dispatcher:
     """One worker: a source, an executor, and the jobs in between."""
 
     def __init__(
-        self, source: JobSource, executor: Executor, worker: WorkerInfo, campaign_id: int | None = None
+        self,
+        source: JobSource,
+        executor: Executor,
+        worker: WorkerInfo,
+        campaign_id: int | None = None,
+        usage: Usage | None = None,
     ) -> None:
         self._source = source
         self._executor = executor
         self._worker = worker
+        self._usage = usage
         self._campaign_id = campaign_id
         #: When the process of each job that is worked on counts as hung.
         self._running: dict[Ticket, float] = {}
@@ -92,7 +99,8 @@ class Dispatcher:
         return bool(self._running or self._unreported)
 
     def _info(self) -> WorkerInfo:
-        return self._worker.model_copy(update={"slots": self._executor.capacity()})
+        need = self._usage and self._usage.read()
+        return self._worker.model_copy(update={"slots": self._executor.capacity(), **(need or {})})
 
     def _claim(self) -> None:
         n_free = self._executor.capacity() - len(self._running)

@@ -234,6 +234,10 @@ class WorkerInfo(Message):
     code_version: Printed
     #: As in "3.11.7"; another minor version than the coordinator's is refused.
     python_version: Annotated[str, Field(pattern=r"^\d{1,3}\.\d{1,3}\.[!-~]{1,40}$")]
+    #: Of its process tree, and of its machine; shown to people, and never part of a result.
+    cpu_cores: Annotated[float, Field(ge=0, le=1_000_000)] | None = None
+    memory_bytes: Count | None = None
+    host_memory_bytes: Count | None = None
 
 
 class ClaimRequest(Message):

@@ -62,6 +62,8 @@ class FlownTrajectory:
     inertial_km: Array
     rotating_km: Array
     moon_km: Array
+    #: (n, 3) velocities relative to the Earth [km/s], inertial.
+    velocity_km_s: Array
     #: (n,) distances from the centres of Earth and Moon [km].
     earth_distance_km: Array
     moon_distance_km: Array
@@ -256,6 +258,7 @@ class _Sampler:
             inertial_km=position,
             rotating_km=to_rotating(position, moon, moon_velocity),
             moon_km=moon,
+            velocity_km_s=states[:, 3:6],
             earth_distance_km=np.asarray(np.linalg.norm(position, axis=1)),
             moon_distance_km=np.asarray(np.linalg.norm(position - moon, axis=1)),
             speed_km_s=np.asarray(np.linalg.norm(states[:, 3:6], axis=1)),

@@ -1,4 +1,4 @@
-"""Campaigns: submit one, list them, see how far one is, and steer it.
+"""Campaigns: submit one, see how far one is, and steer it.
 
 A campaign is active, paused, done or cancelled; a search may also wait for seeds.  Pausing lets running jobs
 finish; cancelling has them stopped, and is for good.  Asking for what is so already changes nothing, what
@@ -11,7 +11,7 @@ from fastapi import APIRouter, Body, Header, Path, Response
 
 from service.api.context import Id, StoreHere
 from service.api.jobs import CONFLICT
-from service.api.schemas import CampaignPage, CampaignView, PriorityWanted, WeightWanted
+from service.api.schemas import CampaignView, PriorityWanted, WeightWanted
 from service.resolve import require_flyable
 from service.spec import spec_from
 
@@ -39,12 +39,6 @@ SearchName = Annotated[
 ]
 Weight = Annotated[WeightWanted, Body(examples=[{"weight": 2.0}])]
 Priority = Annotated[PriorityWanted, Body(examples=[{"priority": -1}])]
-
-
-@router.get("/campaigns")
-def list_campaigns(store: StoreHere) -> CampaignPage:
-    """Return the campaigns, the newest first."""
-    return CampaignPage(items=store.campaigns())
 
 
 @router.post("/campaigns", status_code=201, responses={200: {"model": CampaignView}, **CONFLICT})

@@ -5,6 +5,7 @@ from typing import Any
 
 from fastapi import FastAPI
 
+from service.api import activity_examples, campaign_examples
 from service.api.examples import EXAMPLES, TRAJECTORY
 
 PROBLEM = "application/problem+json"
@@ -39,7 +40,7 @@ def finish_document(app: FastAPI) -> None:
 
 def _finish(document: dict[str, Any]) -> None:
     schemas = document["components"]["schemas"]
-    for model, example in EXAMPLES.items():
+    for model, example in (EXAMPLES | campaign_examples.EXAMPLES | activity_examples.EXAMPLES).items():
         if model.__name__ in schemas:
             schemas[model.__name__]["examples"] = [example]
     for path, verbs in document["paths"].items():

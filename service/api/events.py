@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import AsyncIterator
-from typing import Annotated
+from typing import Annotated, Any
 
 import anyio
 from fastapi import APIRouter, Depends, Header, Query, Request
@@ -11,6 +11,7 @@ from starlette.concurrency import run_in_threadpool
 
 from service.api.context import After, CampaignWanted, Id, Limit, StoreHere
 from service.api.schemas import EventPage
+from service.store import Store
 
 router = APIRouter(tags=["events"])
 
@@ -41,27 +42,52 @@ def _campaign_exists(campaign_id: Id, store: StoreHere) -> Id:
     return campaign_id
 
 
-@router.get(
-    "/campaigns/{campaign_id}/events",
-    response_class=EventSourceResponse,
-    responses={200: {"content": {"text/event-stream": {"example": EXAMPLE}}}},
-)
+_STREAM: dict[int | str, dict[str, Any]] = {200: {"content": {"text/event-stream": {"example": EXAMPLE}}}}
+
+
+class Resume:
+    """Where a stream goes on."""
+
+    def __init__(
+        self,
+        after: Annotated[int | None, Query(ge=0, lt=2**63)] = None,
+        last_event_id: LastEventId = None,
+    ) -> None:
+        self.after = last_event_id if last_event_id is not None else after
+
+
+ResumeAt = Annotated[Resume, Depends()]
+
+
+@router.get("/events/stream", response_class=EventSourceResponse, responses=_STREAM)
+async def follow_all(store: StoreHere, request: Request, resume: ResumeAt) -> AsyncIterator[ServerSentEvent]:
+    """Stream the events of all campaigns, as that of one campaign does."""
+    async for event in _stream(store, request, None, resume):
+        yield event
+
+
+@router.get("/campaigns/{campaign_id}/events", response_class=EventSourceResponse, responses=_STREAM)
 async def follow_campaign(
     campaign_id: Annotated[int, Depends(_campaign_exists)],
     store: StoreHere,
     request: Request,
-    after: Annotated[int | None, Query(ge=0, lt=2**63)] = None,
-    last_event_id: LastEventId = None,
+    resume: ResumeAt,
 ) -> AsyncIterator[ServerSentEvent]:
     """Stream the events of a campaign; `data` is an event, its id is the id to resume after.
 
     Without a place to resume, the stream begins with the latest event: whoever reads the campaign anew at
     each event has then missed nothing between an earlier reading and the start of the stream.
     """
-    wanted = last_event_id if last_event_id is not None else after
+    async for event in _stream(store, request, campaign_id, resume):
+        yield event
+
+
+async def _stream(
+    store: Store, request: Request, campaign_id: int | None, resume: Resume
+) -> AsyncIterator[ServerSentEvent]:
     latest = await run_in_threadpool(store.last_event_id, campaign_id)
     # Ids beyond the latest come from before a backup was restored; waiting for them would be waiting long.
-    last = max(0, latest - 1) if wanted is None else min(wanted, latest)
+    last = max(0, latest - 1) if resume.after is None else min(resume.after, latest)
     yield ServerSentEvent(retry=RETRY_MS)
     end = time.monotonic() + LIFETIME_S
     while time.monotonic() < end and not request.app.state.is_closing():

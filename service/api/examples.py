@@ -4,7 +4,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from service.api import identity_schemas, schemas
+from service.api import identity_schemas, lineage_schemas, problem_schemas, schemas, solution_schemas
 from workers.job import ClaimAnswer, CompleteAnswer, CompleteManyAnswer, HeartbeatAnswer
 
 SOLUTION = "63dd0ec3a1b24c7f9e5d8b6a4f2c1e07"
@@ -61,6 +61,7 @@ JOB = {
     "id": 17,
     "campaign_id": 1,
     "search_id": 2,
+    "search": "s1-0",
     "kind": "map",
     "state": "running",
     "attempt": 1,
@@ -120,6 +121,9 @@ WORKER = {
     "slots": 8,
     "code_version": "0.1.0+1f0c5e9a7b3d",
     "python_version": "3.11.7",
+    "cpu_cores": 7.9,
+    "memory_bytes": 2_147_483_648,
+    "host_memory_bytes": 34_359_738_368,
     "created_at": AT,
     "seen_at": LATER,
     "is_alive": True,
@@ -158,11 +162,51 @@ SEEDING = {
     "job_id": 17,
     "job_state": "running",
 }
+POINTS = {
+    "n": 706,
+    "front": [0],
+    "strategies": ["S(0)", "S(1|0)"],
+    "id": [SOLUTION],
+    "strategy": [1],
+    "k": [1],
+    "strict": [True],
+    "delta_v_km_s": [0.3235],
+    "time_of_flight_days": [77.4],
+    "initial_coast_days": [2.1],
+    "shooting_days": [71.3],
+    "final_coast_days": [4.0],
+    "propellant_kg": [160.75],
+    "cpu_seconds": [1.4],
+}
+CLUSTER = {
+    "best_id": SOLUTION,
+    "size": 12,
+    "strategies": {"S(0)": 2, "S(1|0)": 10},
+    "min_delta_v_km_s": 0.3235,
+    "max_delta_v_km_s": 0.3302,
+    "min_time_of_flight_days": 76.9,
+    "max_time_of_flight_days": 78.2,
+    "mean_distance": 0.021,
+    "max_distance": 0.047,
+}
+CHOICES = {
+    "campaigns": [{"id": 1, "name": "quick"}],
+    "searches": ["s0", "s1-0"],
+    "strategies": ["S(0)", "S(1|0)"],
+    "k": [0, 1],
+    "segments": [24],
+    "durations_days": [1.0],
+}
 ITEM = {"hash": ROBUST, "k": 1, "outages": [OUTAGE], "n_segments": 50}
 NODE = {"search": "s1-0", "strategy": "S(1|0)", "k": 1, "delta_v_km_s": 0.3235, "strict": True}
 EVENT = {"id": 42, "campaign_id": 1, "kind": "search", "created_at": LATER}
 SIGNED_IN = "coastarc_5f0c1e9d2b7a_" + 43 * "x"
 HELD = {"job_id": 17, "attempt": 1}
+RELATIVE = ITEM | {"hash": PROBLEM, "k": 0, "outages": [], "outage": OUTAGE, "n_solutions": 28}
+RELATIVE |= {"best_delta_v_km_s": 0.3196}
+SHAPE = {"outage": None, "n_segments": 50, "first_variable": 0, "n_variables": 154, "matchpoint": 26}
+SHAPE |= {"leaves": None}
+PROVENANCE = ("code_version", "package_versions", "kernel_hashes", "host", "status", "cpu_seconds")
 HOP_JOB = {
     "kind": "hop",
     "problem": {"n_segments": 50, "outages": []},
@@ -172,7 +216,6 @@ HOP_JOB = {
 }
 
 EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
-    schemas.CampaignPage: {"items": [CAMPAIGN]},
     schemas.CampaignView: CAMPAIGN
     | {
         "problem": DEFINITION,
@@ -199,15 +242,55 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
         "paired_changes": [],
     },
     schemas.RecordPage: {"items": [RECORD], "next": f"0x1.99da51eb851ecp+13_{SOLUTION}"},
+    solution_schemas.PointsView: POINTS,
+    solution_schemas.ClusterPage: {
+        "items": [CLUSTER],
+        "n_clusters": 85,
+        "n": 706,
+        "n_compared": 706,
+        "threshold": 0.05,
+    },
+    solution_schemas.ChoicesView: CHOICES,
     schemas.RecordWithVector: RECORD
     | {"x": [71.3, 2.1, 4.0, 0.71], "verification": {"integrator": "DOP853", "tolerance": 1e-12}},
-    schemas.Lineage: {
+    lineage_schemas.LineageGraph: {
         "id": SOLUTION,
         "nodes": [
             NODE | {"id": SOLUTION},
             NODE | {"id": SEED, "search": "s0", "strategy": "S(0)", "k": 0, "delta_v_km_s": 0.3196},
         ],
         "edges": [{"seed_id": SEED, "solution_id": SOLUTION, "mapping": "continued"}],
+        "children": [],
+        "n_children": 0,
+        "n_mapped": 4,
+        "command": f"coastarc solutions reproduce {SOLUTION}",
+    },
+    lineage_schemas.Reproduction: {name: RECORD[name] for name in PROVENANCE}
+    | {"id": SOLUTION, "problem_hash": ROBUST, "job": HOP_JOB, "hop": 0, "x": [71.3, 2.1, 4.0, 0.71]}
+    | {"python_version": "3.11.7"},
+    problem_schemas.ProblemFamily: {
+        "n_solutions": 10,
+        "best": [{name: RECORD[name] for name in problem_schemas.BestSolution.model_fields}],
+        "fewer": [RELATIVE],
+        "more": [],
+        "n_fewer": 1,
+        "n_more": 0,
+    },
+    problem_schemas.ProblemStructure: {
+        "hash": ROBUST,
+        "n_variables": 236,
+        "n_defects": 14,
+        "n_nonzeros": 2200,
+        "n_dense": 2410,
+        "trajectories": [SHAPE],
+        "runs": [[0, 0, 154]],
+        "filled_gap": 0,
+        "departure_epoch": "2026-04-26T14:47:58.000",
+        "departure_mass_kg": 13276.04,
+        "between": {"scale_days": 227.89, "shape": 0.86737, "mean_days": 244.9, "median_days": 149.4},
+        "recovery": {"scale_days": 2.459, "shape": 1.144, "mean_days": 2.34, "median_days": 1.78},
+        "chances": [{"arc_days": 48.0, "none": 0.772, "one": 0.196, "several": 0.032}],
+        "durations": [{"days": 1.5, "at_most": 0.433}],
     },
     schemas.SeedPage: {"items": [SEEDING], "n_candidates": 28, "is_cut": True},
     schemas.ProblemPage: {"items": [ITEM]},
@@ -247,4 +330,5 @@ TRAJECTORY = {
     "trajectories": [_FLOWN | _TRACK],
     "moon": {"days": [0.0]} | _TRACK,
     "target": {"days": [0.0]} | _TRACK,
+    "n_samples": 1,
 }

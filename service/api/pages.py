@@ -1,8 +1,10 @@
-"""The web page and its files: HTML for people, where the rest of the service speaks JSON.
+"""The web pages and their files: HTML for people, where the rest of the service speaks JSON.
 
-Data reaches the page through the same API as everybody else; nothing here reads the store.  The headers
-that guard the page are those of every answer, `service.security`.
+Data reaches a page through the same API as everybody else; nothing here reads the store.  The headers
+that guard a page are those of every answer, `service.security`.
 """
+
+from collections.abc import Callable
 
 from fastapi import APIRouter, HTTPException, Request, Response
 from fastapi.responses import HTMLResponse
@@ -10,6 +12,7 @@ from fastapi.responses import HTMLResponse
 from service.api.context import IdentityHere
 from service.dashboard import assets
 from service.dashboard.render import page
+from service.dashboard.views import SECTIONS, VIEWS, View
 
 #: The name of an asset changes with its content, so a browser never has to ask again.
 ASSET_HEADERS = {"Cache-Control": "public, max-age=31536000, immutable", "Vary": "Accept-Encoding"}
@@ -17,12 +20,19 @@ ASSET_HEADERS = {"Cache-Control": "public, max-age=31536000, immutable", "Vary":
 router = APIRouter(include_in_schema=False)
 
 
-@router.get("/", response_class=HTMLResponse)
-def live_page(identity: IdentityHere) -> HTMLResponse:
-    """Return the live page; which campaign and solution it shows is in its address."""
-    # Nobody can sign out of an open service, nor of a token.
-    html = page("live.html", signed_in_as=identity.name if identity.is_cookie else None)
-    return HTMLResponse(html, headers={"Cache-Control": "no-cache"})
+def _shell(view: View) -> Callable[[IdentityHere], HTMLResponse]:
+    def answer(identity: IdentityHere) -> HTMLResponse:
+        # Nobody can sign out of an open service, nor of a token.
+        signed_in_as = identity.name if identity.is_cookie else None
+        html = page(f"views/{view.name}.html", view=view, sections=SECTIONS, signed_in_as=signed_in_as)
+        return HTMLResponse(html, headers={"Cache-Control": "no-cache"})
+
+    return answer
+
+
+for _view in VIEWS:
+    # Which campaign or solution it shows is in its address, which its module reads.
+    router.add_api_route(_view.path, _shell(_view), response_class=HTMLResponse, name=f"page_{_view.name}")
 
 
 @router.get("/static/{path:path}")

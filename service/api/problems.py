@@ -1,17 +1,24 @@
 """Problems: those that campaigns are about, and those that somebody asks seeds for."""
 
+import json
+from functools import lru_cache
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Body, Response
 
+from core.problem import problem_from
 from service.api.context import Hash, StoreHere
+from service.api.problem_schemas import ProblemFamily, ProblemStructure
 from service.api.schemas import ProblemPage, ProblemView
+from service.dashboard.structure import structure_of
 from service.resolve import require_flyable
 from service.spec import problem_without_files
 
 router = APIRouter(tags=["problems"])
 
 EXAMPLE = {"preset": "ppe-drm3", "outages": [{"segment": 24, "duration_days": 1.0}]}
+#: What follows from a definition holds for ever, but the code that draws it may change.
+KEPT = "private, max-age=3600"
 
 
 @router.get("/problems")
@@ -39,3 +46,22 @@ def add_problem(
 def get_problem(problem_hash: Hash, store: StoreHere) -> ProblemView:
     """Return a problem with every field written out."""
     return store.problem(problem_hash)
+
+
+@router.get("/problems/{problem_hash}/structure")
+def get_structure(problem_hash: Hash, store: StoreHere, response: Response) -> ProblemStructure:
+    """Return sizes, trajectories, the Jacobian's entries, and chances of outages: what never changes."""
+    answer = _structure(json.dumps(store.problem(problem_hash).definition))
+    response.headers["Cache-Control"] = KEPT
+    return answer
+
+
+@router.get("/problems/{problem_hash}/family")
+def get_family(problem_hash: Hash, store: StoreHere) -> ProblemFamily:
+    """Return the best solutions of a problem, and the problems with one outage more or less."""
+    return store.family(problem_hash)
+
+
+@lru_cache(maxsize=128)
+def _structure(definition: str) -> ProblemStructure:
+    return structure_of(problem_from(json.loads(definition)))

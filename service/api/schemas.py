@@ -143,12 +143,6 @@ class MetricsView(Answer):
     paired_changes: list[MetricsRow]
 
 
-class CampaignPage(Answer):
-    """Campaigns, the newest first."""
-
-    items: list[CampaignItem]
-
-
 class Record(Answer):
     """A solution with all that is needed to judge and to reproduce it."""
 
@@ -305,6 +299,8 @@ class JobView(Answer):
     id: int
     campaign_id: int
     search_id: int
+    #: Its name.
+    search: str
     kind: Literal["hop", "map"]
     state: JobState
     attempt: int
@@ -349,6 +345,11 @@ class WorkerView(Answer):
     slots: int
     code_version: str
     python_version: str
+    #: Processors that its processes keep busy, and their memory, where it measures that.
+    cpu_cores: float | None
+    memory_bytes: int | None
+    #: All that its machine has.
+    host_memory_bytes: int | None
     created_at: datetime
     seen_at: datetime
     #: Whether it was seen within the time of a lease.

@@ -1,20 +1,15 @@
-"""Solutions: lists, records, trajectories for pictures, lineages."""
+"""Solutions: lists and records; what one of them looks like is in `service.api.flights`."""
 
-import json
-from functools import lru_cache
 from typing import Annotated, Any, Literal
 
-import numpy as np
 from fastapi import APIRouter, HTTPException, Query
 from fastapi.responses import StreamingResponse
 
-from core.analysis.flight import fly
-from core.problem import problem_from
-from service.api.context import CampaignWanted, Hash, Limit, SearchWanted, StoreHere
+from service.api.context import Hash, Limit, StoreHere
 from service.api.export import CSV, NDJSON, csv_lines, ndjson_lines
-from service.api.schemas import Lineage, RecordPage, RecordWithVector
-from service.dashboard.pictures import flight_as_json
-from service.store.records import Filter
+from service.api.schemas import RecordPage, RecordWithVector
+from service.api.solution_filter import FilterWanted
+from service.store.page import Begin, Order, Sort
 
 router = APIRouter(tags=["solutions"])
 
@@ -38,22 +33,26 @@ NDJSON_EXAMPLE = '{"id": "63dd0ec3...", "campaign_id": 1, "x": [38.2, 0.4]}\n'
 )
 def list_solutions(
     store: StoreHere,
-    campaign: CampaignWanted = None,
-    search: SearchWanted = None,
-    strict: bool | None = None,
+    wanted: FilterWanted,
+    sort: Sort = "objective_kg",
+    descending: Annotated[
+        bool | None, Query(description="Which way round; what is most wanted comes first if left out")
+    ] = None,
     format: Literal["json", "csv", "ndjson"] = "json",
     limit: Limit | None = None,
     after: Annotated[str | None, Query(max_length=80, description="`next` of the page before")] = None,
+    begin: Annotated[
+        float | None, Query(allow_inf_nan=False, description="Value of `sort` at which the page begins")
+    ] = None,
 ) -> Any:
     """Return solutions: as `json` a page, the most final mass first; as `csv` or `ndjson` all, by id.
 
     NDJSON has every field and the decision vector, CSV the plain ones.  A download may take as long as it
     likes and holds nothing up; one that breaks off lacks the end that HTTP promises.
     """
-    wanted = Filter(campaign, search, strict)
     if format == "json":
-        return store.records(wanted, limit or PAGE, after)
-    if limit is not None or after is not None:
+        return store.records(wanted, limit or PAGE, Begin(after, begin), Order(sort, descending))
+    if (limit, after, begin) != (None, None, None):
         raise HTTPException(
             422, f"format {format}: expected neither limit nor after, got one; it has them all"
         )
@@ -68,23 +67,3 @@ def list_solutions(
 def get_solution(solution_id: Hash, store: StoreHere) -> RecordWithVector:
     """Return a solution with its decision vector."""
     return store.record(solution_id)
-
-
-@router.get("/solutions/{solution_id}/trajectory")
-def get_trajectory(solution_id: Hash, store: StoreHere) -> dict[str, Any]:
-    """Return the solution flown: samples per trajectory [km, kg, TDB s past J2000], the Moon, the target."""
-    definition, x = store.definition_and_vector(solution_id)
-    return _flown(json.dumps(definition), x.tobytes())
-
-
-@router.get("/solutions/{solution_id}/lineage")
-def get_lineage(solution_id: Hash, store: StoreHere) -> Lineage:
-    """Return the seeds behind a solution, and the seeds of those."""
-    return store.lineage(solution_id)
-
-
-@lru_cache(maxsize=64)
-def _flown(definition: str, vector: bytes) -> dict[str, Any]:
-    # Flying takes a second and a page asks for the same solution again and again.
-    flight = fly(problem_from(json.loads(definition)), np.frombuffer(vector, dtype=np.float64))
-    return flight_as_json(flight)

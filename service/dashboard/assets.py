@@ -6,6 +6,7 @@ plotly.js comes from the installed `plotly` package as /static/plotly-<digest>.m
 
 import gzip
 import hashlib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -35,9 +36,9 @@ def plotly_name() -> str:
 
 def find(path: str) -> Asset | None:
     """Return the asset at a path below /static/, or None."""
-    folder, _, name = path.rpartition("/")
-    if not folder:
-        return plotly() if name == plotly_name() else None
+    folder, _, name = path.partition("/")
+    if not name:
+        return plotly() if folder == plotly_name() else None
     digest, own = _own_files()
     return own.get(name) if folder == digest else None
 
@@ -54,11 +55,18 @@ def _plotly_source() -> Traversable:
 
 @cache
 def _own_files() -> tuple[str, dict[str, Asset]]:
-    folder = files("service.dashboard") / "static"
-    contents = {entry.name: entry.read_bytes() for entry in folder.iterdir() if entry.is_file()}
+    contents = dict(_contents(files("service.dashboard") / "static", ""))
     parts = (name.encode() + b"\0" + content for name, content in sorted(contents.items()))
     digest = _digest(b"\0".join(parts))
     return digest, {name: _asset(name, content) for name, content in contents.items()}
+
+
+def _contents(folder: Traversable, prefix: str) -> Iterator[tuple[str, bytes]]:
+    for entry in folder.iterdir():
+        if entry.is_dir():
+            yield from _contents(entry, f"{prefix}{entry.name}/")
+        else:
+            yield prefix + entry.name, entry.read_bytes()
 
 
 def _asset(name: str, content: bytes) -> Asset:

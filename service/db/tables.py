@@ -17,7 +17,7 @@ from service.scheduler.states import TRANSITIONS
 from workers.job import Ending
 
 #: Grows with every change of the tables; kept in SQLite's user_version.
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 
 CAMPAIGN_STATES, SEARCH_STATES, JOB_STATES = (tuple(TRANSITIONS[n]) for n in ("campaign", "search", "job"))
 ENDINGS = tuple(ending.value for ending in Ending)
@@ -150,6 +150,7 @@ class JobRow(Base):
         partial_index("job_queue", "search_id", "priority", "id", where="state = 'queued'"),
         partial_index("job_lease", "lease_until", where="state = 'running'"),
         partial_index("job_of_worker", "worker", where="state = 'running'"),
+        partial_index("job_dead", "id", where="state = 'dead'"),
         Index("job_of_search", "search_id", "state"),
     )
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -195,7 +196,12 @@ class AttemptRow(Base):
     """One dispatch of a job; open while `ending` is NULL."""
 
     __tablename__ = "attempt"
-    __table_args__ = _table(_one_of("ending", ENDINGS))
+    __table_args__ = _table(
+        _one_of("ending", ENDINGS),
+        # Begins with the end, since a window of time is about what ended in it and what is open; with the
+        # rest of what a sample is taken by, rows that are left out are not read.
+        Index("attempt_ended", "ended_at", "started_at", "job_id"),
+    )
     job_id: Mapped[int] = mapped_column(ForeignKey("job.id"), primary_key=True)
     attempt: Mapped[int] = mapped_column(primary_key=True)
     worker: Mapped[str]
@@ -219,6 +225,10 @@ class WorkerRow(Base):
     slots: Mapped[int]
     code_version: Mapped[str]
     python_version: Mapped[str]
+    #: What its processes need, where it measures that: processors kept busy [-], memory [B].
+    cpu_cores: Mapped[float | None]
+    memory_bytes: Mapped[int | None]
+    host_memory_bytes: Mapped[int | None]
     created_at: Mapped[float]
     seen_at: Mapped[float]
 
@@ -230,6 +240,7 @@ class SolveRow(Base):
     __table_args__ = _table(
         UniqueConstraint("job_id", "hop"),
         _one_of("ending", ENDINGS),
+        # Solutions of a search, the most final mass first.
         partial_index(
             "solve_order",
             "search_id",
@@ -239,7 +250,15 @@ class SolveRow(Base):
             where="solution_id IS NOT NULL",
         ),
         Index("solve_recent", "search_id", "created_at"),
-        Index("solve_of_solution", "solution_id", "id"),
+        # With what is told about the solve that first found a solution, so that its row is not read.
+        partial_index(
+            "solve_of_solution",
+            "solution_id",
+            "id",
+            "search_id",
+            "cpu_seconds",
+            where="solution_id IS NOT NULL",
+        ),
     )
     id: Mapped[int] = mapped_column(primary_key=True)
     job_id: Mapped[int] = mapped_column(ForeignKey("job.id"))
@@ -276,7 +295,14 @@ class SolutionRow(Base):
     __table_args__ = _table(
         Index("solution_order", "problem_hash", "objective_kg", "id"),
         Index("solution_by_mass", "objective_kg", "id"),
-    )
+        # All that lists and pictures of the archive choose and sort by: rows with their vectors are long. In
+        # order of id, as the solves of solutions are.
+        Index(
+            "solution_figures", "id", "delta_v_km_s", "time_of_flight_days", "objective_kg", "propellant_kg",
+            "initial_coast_days", "shooting_days", "final_coast_days", "created_at", "problem_hash", "paper",
+            "strict",
+        ),
+    )  # fmt: skip
     id: Mapped[str] = mapped_column(primary_key=True)
     problem_hash: Mapped[str] = mapped_column(ForeignKey("problem.hash"))
     x: Mapped[NDArray[np.float64]] = mapped_column(Vector)

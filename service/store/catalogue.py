@@ -1,11 +1,14 @@
 """Problems and jobs, as lists."""
 
-from sqlalchemy import Select, literal, select, true, union_all
+from sqlalchemy import ColumnElement, Select, literal, literal_column, select, true, union_all
 from sqlalchemy.orm import Session, aliased
 
 from service.api.schemas import JobPage, JobView, OutageView, ProblemItem, ProblemPage, ProblemView
 from service.db.tables import JOB_STATES, AttemptRow, JobRow, ProblemRow, SearchRow
-from service.store.errors import UnknownRow
+from service.store.errors import StoreError, UnknownRow
+
+#: What a job's view takes from other rows.
+ELSEWHERE = ("campaign_id", "search", "error")
 
 _Next, _Each = aliased(JobRow), aliased(JobRow)
 
@@ -34,6 +37,8 @@ def list_jobs(
 ) -> JobPage:
     """Return a page of jobs in order of id."""
     query = _jobs().where(JobRow.id > after).order_by(JobRow.id).limit(limit + 1)
+    if state is not None:
+        is_in(state)
     if campaign is not None or search is not None or state is not None:
         query = query.where(JobRow.id.in_(_next_of_each(campaign, search, state, limit + 1, after)))
     jobs = [_job(*row) for row in session.execute(query)]
@@ -62,6 +67,13 @@ def _next_of_each(
     return found if search is None else found.where(SearchRow.name == search)
 
 
+def is_in(state: str) -> ColumnElement[bool]:
+    """Return the condition that a job is in a state, as text: only then is the index of that state used."""
+    if state not in JOB_STATES:
+        raise StoreError(f"state: expected one of {', '.join(JOB_STATES)}, got {state!r}")
+    return JobRow.state == literal_column(f"'{state}'")
+
+
 def get_job(session: Session, job_id: int) -> JobView:
     """Return a job."""
     found = session.execute(_jobs().where(JobRow.id == job_id)).first()
@@ -70,20 +82,18 @@ def get_job(session: Session, job_id: int) -> JobView:
     return _job(*found)
 
 
-def _jobs() -> Select[JobRow, int, str | None]:
+def _jobs() -> Select[JobRow, int, str, str | None]:
     is_last = (AttemptRow.job_id == JobRow.id) & (AttemptRow.attempt == JobRow.attempt)
     return (
-        select(JobRow, SearchRow.campaign_id, AttemptRow.error)
+        select(JobRow, SearchRow.campaign_id, SearchRow.name, AttemptRow.error)
         .join(SearchRow, SearchRow.id == JobRow.search_id)
         .outerjoin(AttemptRow, is_last)
     )
 
 
-def _job(row: JobRow, campaign_id: int, error: str | None) -> JobView:
+def _job(row: JobRow, campaign_id: int, search: str, error: str | None) -> JobView:
     # The last line of a traceback names the exception, what comes before it only where.
     shown = error.strip().splitlines()[-1] if error else None
-    columns = {
-        name: getattr(row, name) for name in JobView.model_fields if name not in ("campaign_id", "error")
-    }
+    columns = {name: getattr(row, name) for name in JobView.model_fields if name not in ELSEWHERE}
     columns["not_before"] = row.not_before or None
-    return JobView(**columns, campaign_id=campaign_id, error=shown)
+    return JobView(**columns, campaign_id=campaign_id, search=search, error=shown)

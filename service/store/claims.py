@@ -39,7 +39,7 @@ _SEEDS = select(_SOLUTION.id, _SOLUTION.problem_hash, _SOLUTION.x).where(
 )
 
 
-class _Turn(NamedTuple):
+class Turn(NamedTuple):
     """A job to be handed out, and what it is about."""
 
     job: JobRow
@@ -58,16 +58,16 @@ def claim(
     found = {row[0].id: row for row in session.execute(statement, {"now": now, **wanted})}
     queues: dict[int, Iterator[Any]] = {}
 
-    def take(search_id: int) -> tuple[_Turn, int] | None:
+    def take(search_id: int) -> tuple[Turn, int] | None:
         if search_id not in queues:
             asked = {"search_id": search_id, "now": now, "most": n_jobs}
             queues[search_id] = iter(session.execute(_QUEUE, asked).all())
         row = next(queues[search_id], None)
-        return None if row is None else (_Turn(*row, *found[search_id][:2]), row[0].n_hops)
+        return None if row is None else (Turn(*row, *found[search_id][:2]), row[0].n_hops)
 
     shares = [_share(search, owner, n_running) for search, owner, n_running in found.values()]
     turns = in_turn(shares, take, n_jobs)
-    seeds = _seeds(session, turns)
+    seeds = seeds_of(session, turns)
     claims = [_claimed(session, turn, seeds, worker, now, lease_s) for turn in turns]
     if claims:
         attempts = [(claim.job_id, claim.attempt) for claim in claims]
@@ -87,7 +87,7 @@ def _share(search: SearchRow, campaign: CampaignRow, n_running: int) -> Share:
     )
 
 
-def _seeds(session: Session, turns: Sequence[_Turn]) -> dict[str, Any]:
+def seeds_of(session: Session, turns: Sequence[Turn]) -> dict[str, Any]:
     """Return problems and vectors of the seeds of jobs."""
     wanted = [turn.job.seed_id for turn in turns if turn.job.seed_id is not None]
     if not wanted:
@@ -96,15 +96,16 @@ def _seeds(session: Session, turns: Sequence[_Turn]) -> dict[str, Any]:
 
 
 def _claimed(
-    session: Session, turn: _Turn, seeds: dict[str, Any], worker: str, now: float, lease_s: float
+    session: Session, turn: Turn, seeds: dict[str, Any], worker: str, now: float, lease_s: float
 ) -> Claim:
     job = turn.job
     job.state, job.attempt, job.worker = "running", job.attempt + 1, worker
     job.lease_until, job.updated_at = now + lease_s, now
-    return Claim(job_id=job.id, attempt=job.attempt, job=_message(session, turn, seeds))
+    return Claim(job_id=job.id, attempt=job.attempt, job=message_of(session, turn, seeds))
 
 
-def _message(session: Session, turn: _Turn, seeds: dict[str, Any]) -> HopJob | MapJob:
+def message_of(session: Session, turn: Turn, seeds: dict[str, Any]) -> HopJob | MapJob:
+    """Return all that the run of a job needs; a result follows from it alone."""
     job, problem_hash, search, campaign = turn
     spec = search_spec(campaign, search)
     chain = int(job.chain, 16)

@@ -5,7 +5,7 @@ Asking for what is so already changes nothing.
 
 from typing import Literal
 
-from sqlalchemy import select, update
+from sqlalchemy import literal_column, select, update
 from sqlalchemy.orm import Session
 
 from service.db.tables import CampaignRow, JobRow, SearchRow
@@ -115,11 +115,13 @@ def revive(session: Session, campaign_id: int, now: float) -> int:
     open_searches = select(SearchRow.id).where(
         SearchRow.campaign_id == campaign_id, SearchRow.state != "cancelled"
     )
-    dead = (JobRow.search_id.in_(open_searches)) & (JobRow.state == "dead")
+    # Its state stands as text, since only then is the index of that state used.
+    dead = (JobRow.search_id.in_(open_searches)) & (JobRow.state == literal_column("'dead'"))
     jobs = list(session.scalars(select(JobRow).where(dead)))
     if jobs:
         _requeue(session, jobs, now)
         _open_again(session, campaign, {job.search_id for job in jobs}, now)
+        note(session, campaign_id, "campaign", now, state=campaign.state, n_requeued=len(jobs))
     return len(jobs)
 
 

@@ -61,7 +61,9 @@ def events_after(session: Session, after: int, campaign_id: int | None, limit: i
     return [EventView.model_validate(row) for row in session.scalars(query)]
 
 
-def last_event_id(session: Session, campaign_id: int) -> int:
-    """Return the id of the latest event of a campaign, or 0."""
-    query = select(func.max(EventRow.id)).where(EventRow.campaign_id == campaign_id)
+def last_event_id(session: Session, campaign_id: int | None) -> int:
+    """Return the id of the latest event of a campaign, or of all, or 0."""
+    query = select(func.max(EventRow.id))
+    if campaign_id is not None:
+        query = query.where(EventRow.campaign_id == campaign_id)
     return session.scalar(query) or 0

@@ -29,8 +29,8 @@ RATE_WINDOW_S = 300.0
 def list_campaigns(session: Session, limit: int = 200) -> list[CampaignItem]:
     """Return the campaigns, the newest first."""
     rows = session.scalars(select(CampaignRow).order_by(CampaignRow.id.desc()).limit(limit)).all()
-    numbers = _numbers(session, SearchRow.campaign_id.in_([row.id for row in rows]))
-    of_campaign: dict[int, list[_Numbers]] = {row.id: [] for row in rows}
+    numbers = numbers_of(session, SearchRow.campaign_id.in_([row.id for row in rows]))
+    of_campaign: dict[int, list[Numbers]] = {row.id: [] for row in rows}
     for one in numbers.values():
         of_campaign[one.row.campaign_id].append(one)
     return [CampaignItem(**_item(row, of_campaign[row.id])) for row in rows]
@@ -42,7 +42,7 @@ def get_campaign(session: Session, campaign_id: int, now: float) -> CampaignView
     if campaign is None:
         raise UnknownRow("campaign", campaign_id)
     numbers = sorted(
-        _numbers(session, SearchRow.campaign_id == campaign_id).values(), key=lambda one: one.row.position
+        numbers_of(session, SearchRow.campaign_id == campaign_id).values(), key=lambda one: one.row.position
     )
     searches = [_search(session, campaign, one) for one in numbers]
     rate = _rate_per_min(session, campaign, now)
@@ -57,7 +57,7 @@ def get_campaign(session: Session, campaign_id: int, now: float) -> CampaignView
     )
 
 
-class _Numbers(NamedTuple):
+class Numbers(NamedTuple):
     """What is known of a search without looking at its jobs and solves one by one."""
 
     row: SearchRow
@@ -68,10 +68,11 @@ class _Numbers(NamedTuple):
     best: SolutionRow | None
 
 
-def _numbers(session: Session, wanted: ColumnElement[bool]) -> dict[int, _Numbers]:
+def numbers_of(session: Session, wanted: ColumnElement[bool]) -> dict[int, Numbers]:
+    """Return the numbers of some searches by their ids."""
     jobs, counted, best = job_states(session, wanted), tallies(session, wanted), _best(session, wanted)
     rows = session.scalars(select(SearchRow).where(wanted))
-    return {row.id: _Numbers(row, jobs[row.id], counted.get(row.id, {}), best.get(row.id)) for row in rows}
+    return {row.id: Numbers(row, jobs[row.id], counted.get(row.id, {}), best.get(row.id)) for row in rows}
 
 
 def _best(session: Session, wanted: ColumnElement[bool]) -> dict[int, SolutionRow]:
@@ -96,7 +97,7 @@ def _best(session: Session, wanted: ColumnElement[bool]) -> dict[int, SolutionRo
     return {search_id: solution for search_id, solution in session.execute(query)}
 
 
-def _item(campaign: CampaignRow, numbers: Sequence[_Numbers]) -> dict[str, Any]:
+def _item(campaign: CampaignRow, numbers: Sequence[Numbers]) -> dict[str, Any]:
     counts = summed(one.jobs for one in numbers)
     found = summed(one.tallies.get("solution", {}) for one in numbers)
     return {
@@ -115,7 +116,7 @@ def _item(campaign: CampaignRow, numbers: Sequence[_Numbers]) -> dict[str, Any]:
     }
 
 
-def _search(session: Session, campaign: CampaignRow, numbers: _Numbers) -> SearchView:
+def _search(session: Session, campaign: CampaignRow, numbers: Numbers) -> SearchView:
     row, counted, best = numbers.row, numbers.tallies, numbers.best
     spec = search_spec(campaign, row)
     levels = counted.get("level", {})

@@ -3,8 +3,8 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-from sqlalchemy import ColumnElement, ScalarSelect, func, select, true
-from sqlalchemy.orm import Session, aliased
+from sqlalchemy import select
+from sqlalchemy.orm import Session
 
 from service.api.schemas import (
     Lineage,
@@ -27,6 +27,8 @@ from service.db.tables import (
     SolveRow,
 )
 from service.store.errors import StoreError, UnknownRow
+from service.store.filter import Filter, Wanted
+from service.store.page import Begin, Order, ids_of_page
 
 #: Columns that a record shows under their own name.
 FROM_SOLUTION = (
@@ -47,12 +49,8 @@ FROM_SOLUTION = (
     "created_at",
 )
 FROM_SOLVE = ("status", "n_iterations", "n_evaluations", "cpu_seconds", "wall_seconds", "rng_key")
-
-
-#: Solves beside the one that a record shows.
-_Again = aliased(SolveRow)
-#: Solves among which a page is looked for.
-_Next, _Each, _Listed = aliased(SolveRow), aliased(SolveRow), aliased(SolutionRow)
+#: Ids that one query names.
+AT_ONCE = 500
 
 
 class _Found(NamedTuple):
@@ -67,76 +65,40 @@ class _Found(NamedTuple):
     provenance: ProvenanceRow
 
 
-class Filter:
-    """Which solutions are asked for; what is None does not restrict."""
-
-    def __init__(
-        self, campaign: int | None = None, search: str | None = None, strict: bool | None = None
-    ) -> None:
-        self.campaign = campaign
-        self.search = search
-        self.strict = strict
-
-    @property
-    def is_of_searches(self) -> bool:
-        """Whether it names some searches; without, all solutions there are stand in one order."""
-        return self.campaign is not None or self.search is not None
-
-    @property
-    def searches(self) -> ColumnElement[bool]:
-        """The searches that it admits."""
-        wanted: ColumnElement[bool] = true()
-        if self.campaign is not None:
-            wanted &= SearchRow.campaign_id == self.campaign
-        if self.search is not None:
-            wanted &= SearchRow.name == self.search
-        return wanted
-
-    def first_solve(self, of: Any, solution_id: Any) -> ScalarSelect[int]:
-        """Return the first solve inside the filter that found a solution, which `of` around it names."""
-        query = (
-            select(func.min(_Again.id))
-            .join(SearchRow, SearchRow.id == _Again.search_id)
-            .where(_Again.solution_id == solution_id, self.searches)
-        )
-        if self.strict is not None:
-            query = query.where(_Again.strict == self.strict)
-        return query.correlate(of).scalar_subquery()
-
-
-def list_records(session: Session, wanted: Filter, limit: int, after: str | None) -> RecordPage:
-    """Return a page of solutions, the most final mass first."""
-    mark = None if after is None else _read_mark(after)
-    query = _records(wanted).order_by(SolutionRow.objective_kg.desc(), SolutionRow.id).limit(limit + 1)
-    if mark is not None:
-        query = query.where(_follows(mark, SolutionRow.objective_kg, SolutionRow.id))
-    if wanted.is_of_searches:
-        query = query.where(SolveRow.id.in_(_next_of_each(wanted, limit + 1, mark)))
-    else:
-        query = query.where(SolutionRow.id.in_(_next_of_all(wanted, limit + 1, mark)))
-    found = _found(session, query)
-    records = [_record(row) for row in found[:limit]]
-    has_more = len(found) > limit
-    return RecordPage(items=records, next=_mark(records[-1]) if has_more else None)
+def list_records(
+    session: Session, wanted: Filter, order: Order, begin: Begin, limit: int | None
+) -> RecordPage:
+    """Return a page of solutions."""
+    ids, following = ids_of_page(session, wanted, order, begin, limit)
+    found = _found(session, _records(session, wanted).where(SolutionRow.id.in_(ids)))
+    records = {row.solution.id: _record(row) for row in found}
+    return RecordPage(items=[records[key] for key in ids], next=following)
 
 
 def get_record(session: Session, solution_id: str) -> RecordWithVector:
     """Return a solution with its vector, as it was first found."""
-    found = _found(session, _records(Filter()).where(SolutionRow.id == solution_id))
+    found = _found(session, _records(session, Filter()).where(SolutionRow.id == solution_id))
     if not found:
         raise UnknownRow("solution", solution_id)
     return _with_vector(found[0])
 
 
-def all_records(session: Session, wanted: Filter, limit: int | None) -> list[RecordWithVector]:
-    """Return the solutions of a filter with their vectors, the most final mass first."""
-    query = _records(wanted).order_by(SolutionRow.objective_kg.desc(), SolutionRow.id).limit(limit)
-    return [_with_vector(row) for row in _found(session, query)]
+def all_records(session: Session, wanted: Filter, order: Order, limit: int | None) -> list[RecordWithVector]:
+    """Return the solutions of a filter with their vectors, all or the first so many."""
+    ids, _ = ids_of_page(session, wanted, order, Begin(), limit)
+    query = _records(session, wanted)
+    found = [
+        row
+        for start in range(0, len(ids), AT_ONCE)
+        for row in _found(session, query.where(SolutionRow.id.in_(ids[start : start + AT_ONCE])))
+    ]
+    place = {key: i for i, key in enumerate(ids)}
+    return [_with_vector(row) for row in sorted(found, key=lambda row: place[row.solution.id])]
 
 
 def page_by_id(session: Session, wanted: Filter, after: str, limit: int) -> list[RecordWithVector]:
     """Return the solutions that follow an id, with their vectors; quick however many there are."""
-    query = _records(wanted).where(SolutionRow.id > after).order_by(SolutionRow.id).limit(limit)
+    query = _records(session, wanted).where(SolutionRow.id > after).order_by(SolutionRow.id).limit(limit)
     return [_with_vector(row) for row in _found(session, query)]
 
 
@@ -177,7 +139,7 @@ def lineage(session: Session, solution_id: str) -> Lineage:
         links.extend(found)
         fresh = {link.seed_id for link in found} - known
         known |= fresh
-    rows = _found(session, _records(Filter()).where(SolutionRow.id.in_(known)))
+    rows = _found(session, _records(session, Filter()).where(SolutionRow.id.in_(known)))
     edges = [LineageEdge(seed_id=o.seed_id, solution_id=o.solution_id, mapping=o.mapping) for o in links]
     return Lineage(id=solution_id, nodes=sorted(map(_node, rows), key=lambda node: -node.k), edges=edges)
 
@@ -193,7 +155,8 @@ def _node(row: _Found) -> LineageNode:
     )
 
 
-def _records(wanted: Filter) -> Any:
+def _records(session: Session, wanted: Filter) -> Any:
+    asked = Wanted(session, wanted)
     is_of_attempt = (AttemptRow.job_id == SolveRow.job_id) & (AttemptRow.attempt == SolveRow.attempt)
     return (
         select(SolutionRow, SolveRow, JobRow, SearchRow, CampaignRow, ProblemRow, ProvenanceRow)
@@ -204,7 +167,7 @@ def _records(wanted: Filter) -> Any:
         .join(ProblemRow, ProblemRow.hash == SolutionRow.problem_hash)
         .join(AttemptRow, is_of_attempt)
         .join(ProvenanceRow, ProvenanceRow.hash == AttemptRow.provenance_hash)
-        .where(SolveRow.id == wanted.first_solve(SolutionRow, SolutionRow.id))
+        .where(SolveRow.id == asked.first_solve(), *asked.conditions())
     )
 
 
@@ -232,53 +195,3 @@ def _record(row: _Found) -> Record:
         defects_solved=solve.defects.reshape(-1, 7).tolist(),
         defects_verified=solution.defects.reshape(-1, 7).tolist(),
     )
-
-
-def _next_of_each(wanted: Filter, number: int, mark: tuple[float, str] | None) -> Any:
-    """Return the next solves of each search in its own order, among which are the next of all of them.
-
-    A search lists its solutions by an index; the whole archive would have to be sorted for one of its pages.
-    """
-    following = (
-        select(_Next.id)
-        .where(
-            _Next.search_id == SearchRow.id,
-            _Next.solution_id.is_not(None),
-            _Next.id == wanted.first_solve(_Next, _Next.solution_id),
-        )
-        .order_by(_Next.final_mass_kg.desc(), _Next.solution_id)
-        .limit(number)
-    )
-    if mark is not None:
-        following = following.where(_follows(mark, _Next.final_mass_kg, _Next.solution_id))
-    if wanted.strict is not None:
-        following = following.where(_Next.strict == wanted.strict)
-    following = following.correlate(SearchRow)
-    return select(_Each.id).select_from(SearchRow).join(_Each, _Each.id.in_(following)).where(wanted.searches)
-
-
-def _next_of_all(wanted: Filter, number: int, mark: tuple[float, str] | None) -> Any:
-    """Return the next solutions of the archive."""
-    following = select(_Listed.id).order_by(_Listed.objective_kg.desc(), _Listed.id).limit(number)
-    if wanted.strict is not None:
-        following = following.where(_Listed.strict == wanted.strict)
-    return following if mark is None else following.where(_follows(mark, _Listed.objective_kg, _Listed.id))
-
-
-def _follows(mark: tuple[float, str], mass: Any, key: Any) -> Any:
-    """Return whether a solution comes after the last one of a page."""
-    # The first part says less than the second, and can be looked up.
-    return (mass <= mark[0]) & ((mass < mark[0]) | (key > mark[1]))
-
-
-def _mark(record: Record) -> str:
-    # Hexadecimal keeps every bit of the float, which the next page's comparison needs.
-    return f"{record.objective_kg.hex()}_{record.id}"
-
-
-def _read_mark(text: str) -> tuple[float, str]:
-    number, _, key = text.partition("_")
-    try:
-        return float.fromhex(number), key
-    except (ValueError, OverflowError) as error:
-        raise StoreError(f"after: expected the `next` of a page, got {text!r}") from error

@@ -9,6 +9,7 @@ from core.transcription import Layout, layout_of
 from service.db.tables import CampaignRow, ProblemRow, SearchRow
 from service.search_spec import SearchSpec
 from service.spec import Spec, spec_from
+from service.store.errors import UnknownRow
 from service.store.kept import Kept
 
 _specs: Kept[Spec] = Kept(64)
@@ -20,6 +21,14 @@ def spec_of(campaign: CampaignRow) -> Spec:
     """Return the specification of a campaign."""
     # The files that it names were checked when it was submitted.
     return _specs.get(campaign.spec_hash, lambda: spec_from(campaign.spec, allow_files=True))
+
+
+def spec_fields(session: Session, campaign_id: int) -> dict[str, Any]:
+    """Return the specification of a campaign as plain data."""
+    campaign = session.get(CampaignRow, campaign_id)
+    if campaign is None:
+        raise UnknownRow("campaign", campaign_id)
+    return spec_of(campaign).as_fields()
 
 
 def search_spec(campaign: CampaignRow, search: SearchRow) -> SearchSpec:

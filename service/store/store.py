@@ -11,19 +11,30 @@ from sqlalchemy.orm import Session
 from core.analysis.facts import CampaignFacts
 from core.problem import Problem
 from service.api import schemas
+from service.api.history_schemas import CampaignCard, HistoryView
+from service.api.lineage_schemas import LineageGraph, Reproduction
+from service.api.problem_schemas import ProblemFamily
+from service.api.solution_schemas import ChoicesView, ClusterPage, PointsView
 from service.db.engine import Database
 from service.db.place import place_of
 from service.scheduler.leases import LeaseSettings
 from service.spec import Spec
 from service.store import (
+    cards,
     catalogue,
+    choices,
     claims,
+    clusters,
     control,
+    descent,
     dispatch,
     events,
     facts,
+    family,
     find,
+    history,
     leases,
+    points,
     progress,
     pruning,
     records,
@@ -31,12 +42,16 @@ from service.store import (
     submission,
     workers,
 )
+from service.store.activity import Activity
 from service.store.control import Verb
 from service.store.errors import StoreError, UnknownRow
+from service.store.filter import Filter
 from service.store.gauges import Gauges, require_writable
+from service.store.histories import Histories
 from service.store.identity import Identities
-from service.store.records import Filter
+from service.store.page import Begin, Order
 from service.store.seeds import SeedsWanted
+from service.store.specs import spec_fields
 from workers.executor import Ticket
 from workers.job import Claim, CompleteAnswer, HeartbeatAnswer, JobOutcome, WorkerInfo
 
@@ -60,6 +75,9 @@ class Store:
         self._database = Database(place_of(folder), read_only=read_only)
         #: What operators watch.
         self.gauges = Gauges(self._database, clock, leases.lease_s)
+        #: Searches hop by hop, attempts and the queue.
+        self.activity = Activity(self._database, clock, leases)
+        self._histories = Histories(self._database)
 
     def __enter__(self) -> Self:
         """Give the store; it is closed at the end of the block."""
@@ -175,6 +193,22 @@ class Store:
         with self._database.read() as session:
             return progress.list_campaigns(session)
 
+    def campaign_cards(self) -> list[CampaignCard]:
+        """Return the campaigns with how far they are and what they have found, the newest first."""
+        now = self._clock()
+        return self._histories.ask(lambda session, known: cards.campaign_cards(session, known, now))
+
+    def campaign_history(self, campaign_id: int) -> HistoryView:
+        """Return how a campaign came to what it has found."""
+        return self._histories.ask(
+            lambda session, known: history.campaign_history(session, known, campaign_id)
+        )
+
+    def spec_fields(self, campaign_id: int) -> dict[str, Any]:
+        """Return the specification of a campaign as it was submitted."""
+        with self._database.read() as session:
+            return spec_fields(session, campaign_id)
+
     def campaign(self, campaign_id: int) -> schemas.CampaignView:
         """Return a campaign with its searches."""
         with self._database.read() as session:
@@ -195,15 +229,41 @@ class Store:
         with self._database.read() as session:
             return find.find_campaign(session, name_or_id)
 
-    def records(self, wanted: Filter, limit: int, after: str | None = None) -> schemas.RecordPage:
+    def records(
+        self,
+        wanted: Filter,
+        limit: int,
+        begin: Begin = Begin(),  # noqa: B008
+        order: Order = Order(),  # noqa: B008
+    ) -> schemas.RecordPage:
         """Return a page of solutions."""
         with self._database.read() as session:
-            return records.list_records(session, wanted, limit, after)
+            return records.list_records(session, wanted, order, begin, limit)
 
-    def all_records(self, wanted: Filter, limit: int | None = None) -> list[schemas.RecordWithVector]:
-        """Return the solutions of a filter with their vectors, all or the best so many."""
+    def all_records(
+        self,
+        wanted: Filter,
+        limit: int | None = None,
+        order: Order = Order(),  # noqa: B008
+    ) -> list[schemas.RecordWithVector]:
+        """Return the solutions of a filter with their vectors, all or the first so many."""
         with self._database.read() as session:
-            return records.all_records(session, wanted, limit)
+            return records.all_records(session, wanted, order, limit)
+
+    def points(self, wanted: Filter, most: int) -> PointsView:
+        """Return the solutions of a filter as points, at most so many of them."""
+        with self._database.read() as session:
+            return points.list_points(session, wanted, most)
+
+    def clusters(self, wanted: Filter, threshold: float, limit: int) -> ClusterPage:
+        """Return the best clusters of the solutions of a filter."""
+        with self._database.read() as session:
+            return clusters.list_clusters(session, wanted, threshold, limit)
+
+    def choices(self, campaign: int | None) -> ChoicesView:
+        """Return what a filter of solutions can be set to."""
+        with self._database.read() as session:
+            return choices.list_choices(session, campaign)
 
     def record_pages(self, wanted: Filter, size: int = 100) -> Iterator[list[schemas.RecordWithVector]]:
         """Yield all solutions of a filter in order of id; each page is one short transaction."""
@@ -231,10 +291,15 @@ class Store:
         with self._database.read() as session:
             return records.definition_and_vector(session, solution_id)
 
-    def lineage(self, solution_id: str) -> schemas.Lineage:
-        """Return the seeds behind a solution."""
+    def lineage(self, solution_id: str, most: int = 0) -> LineageGraph:
+        """Return the seeds behind a solution, and so many of those that it seeded."""
         with self._database.read() as session:
-            return records.lineage(session, solution_id)
+            return descent.graph(session, solution_id, most)
+
+    def reproduction(self, solution_id: str) -> Reproduction:
+        """Return the job that found a solution, and what it gave."""
+        with self._database.read() as session:
+            return descent.reproduction(session, solution_id)
 
     def problems(self) -> schemas.ProblemPage:
         """Return the problems."""
@@ -245,6 +310,11 @@ class Store:
         """Return a problem."""
         with self._database.read() as session:
             return catalogue.get_problem(session, problem_hash)
+
+    def family(self, problem_hash: str) -> ProblemFamily:
+        """Return what was found for a problem, and its relatives."""
+        with self._database.read() as session:
+            return family.family(session, problem_hash)
 
     def jobs(
         self, campaign: int | None, search: str | None, state: str | None, limit: int, after: int = 0
@@ -284,8 +354,8 @@ class Store:
         with self._database.read() as session:
             return events.events_after(session, after, campaign, limit)
 
-    def last_event_id(self, campaign: int) -> int:
-        """Return the id of the latest event of a campaign, or 0."""
+    def last_event_id(self, campaign: int | None) -> int:
+        """Return the id of the latest event of a campaign, or of all, or 0."""
         with self._database.read() as session:
             return events.last_event_id(session, campaign)
 

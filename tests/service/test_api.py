@@ -235,7 +235,7 @@ def test_a_bug_is_a_500_without_details(client, store, monkeypatch):
     def broken():
         raise ZeroDivisionError("secret")
 
-    monkeypatch.setattr(store, "campaigns", broken)
+    monkeypatch.setattr(store, "campaign_cards", broken)
     answer = client.get(f"{API}/campaigns")
     assert answer.status_code == 500 and "secret" not in answer.text
     assert answer.headers["content-type"] == "application/problem+json"

@@ -73,7 +73,7 @@ def n_running(folder):
 
 def test_run_says_where_the_page_is_and_ends_with_a_summary(coastarc, spec_file):
     code, printed, _ = coastarc("run", spec_file, "--workers", 2)
-    assert code == 0 and re.match(r"Live page: http://127\.0\.0\.1:\d+\n", printed)
+    assert code == 0 and re.match(r"Live page: http://127\.0\.0\.1:\d+/campaigns/1\n", printed)
     assert "test: done" in printed and re.search(r"S\(1\|0\).* 100\.0 .*\n +\d+\.?\d*-100 ", printed)
 
 

@@ -164,7 +164,7 @@ def test_what_was_found_is_read_page_by_page(running):
     page = client.solutions(campaign_id, strict=True, limit=1)
     following = client.solutions(campaign_id, strict=True, limit=1, after=page.next)
     listed = [item.id for item in (*page.items, *following.items)]
-    assert listed == [record.id for record in store.all_records(Filter(campaign_id, None, True), 2)]
+    assert listed == [record.id for record in store.all_records(Filter(campaign=campaign_id, strict=True), 2)]
     assert client.record(page.items[0].id).x
     seeds = client.seeds_of_search(campaign_id, "s1-0", SeedsWanted(limit=3))
     assert len(seeds.items) == 3 and seeds == store.seeds_of_search(campaign_id, "s1-0", SeedsWanted(limit=3))

@@ -38,3 +38,19 @@ def test_what_is_not_finite_is_null(flight):
     sent = flight_as_json(replace(flight, moon=flight.moon._replace(days=spoiled)))
     assert sent["moon"]["days"][1] is None
     json.dumps(sent, allow_nan=False)
+
+
+def test_a_long_flight_is_thinned_arc_by_arc_and_says_so(flight):
+    sent = flight_as_json(flight, most=600)
+    whole = flight_as_json(flight)
+    assert sum(len(trajectory["days"]) for trajectory in sent["trajectories"]) < 900 < sent["n_samples"]
+    for thin, full in zip(sent["trajectories"], whole["trajectories"], strict=True):
+        ends = [(thin["days"][arc["first"]], thin["days"][arc["stop"] - 1]) for arc in thin["arcs"]]
+        assert ends == [(full["days"][arc["first"]], full["days"][arc["stop"] - 1]) for arc in full["arcs"]]
+        assert thin["days"][thin["matchpoint"]] == full["days"][full["matchpoint"]]
+
+
+def test_without_its_frames_a_flight_takes_half_the_room(flight):
+    sent = flight_as_json(flight, has_frames=False)
+    assert all("rotating_km" not in track for track in (*sent["trajectories"], sent["moon"], sent["target"]))
+    assert len(json.dumps(sent)) < 0.6 * len(json.dumps(flight_as_json(flight)))

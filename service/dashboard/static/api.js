@@ -1,38 +1,5 @@
 // @ts-check
-/** The REST API as this page uses it. */
-
-/**
- * @typedef {{ segment: number, duration_days: number }} Outage
- * @typedef {{ queued: number, running: number, done: number, dead: number, cancelled: number }} JobCounts
- * @typedef {{
- *   id: number, name: string, strategy: string, state: string, k: number,
- *   cases: { problem_hash: string, outages: Outage[] }[],
- *   mapping: string | null, seeds_from: string | null, jobs: JobCounts, n_guesses_planned: number | null,
- *   n_solves: number, n_paper: number, n_strict: number, n_solutions: number, endings: Record<string, number>,
- *   statuses: Record<string, number>, hops: number,
- *   best_solution_id: string | null, best_delta_v_km_s: number | null, best_propellant_kg: number | null,
- *   cpu_seconds: number }} Search
- * @typedef {{
- *   id: number, name: string, state: string, created_at: string, n_jobs: number, n_done: number,
- *   n_solves: number, n_solutions: number, best_delta_v_km_s: number | null }} CampaignItem
- * @typedef {CampaignItem & {
- *   finished_at: string | null, rng_seed: number, searches: Search[], rate_per_min: number,
- *   eta_seconds: number | null, elapsed_seconds: number, cpu_seconds: number }} Campaign
- * @typedef {{
- *   id: string, search: string, strategy: string, k: number, outages: Outage[], objective_kg: number,
- *   propellant_kg: number, delta_v_km_s: number, delta_v_total_km_s: number, shooting_days: number,
- *   initial_coast_days: number, final_coast_days: number, time_of_flight_days: number, arrival_epoch: string,
- *   insertion_epoch: string, defects_solved: (number | null)[][], defects_verified: (number | null)[][],
- *   paper: boolean, strict: boolean, status: string, n_iterations: number, n_evaluations: number,
- *   cpu_seconds: number, wall_seconds: number, rng_key: string, seed_id: string | null,
- *   mapping: string | null, code_version: string, created_at: string }} Record_
- * @typedef {{ kind: "coast" | "thrust" | "outage", segment: number, first: number, stop: number,
- *   throttle: number, in_plane_rad: number, out_of_plane_rad: number }} Arc
- * @typedef {{ outage: Outage | null, arcs: Arc[], matchpoint: number, days: number[], inertial_km: number[][],
- *   rotating_km: number[][], moon_km: number[][], speed_km_s: number[], mass_kg: number[] }} Trajectory
- * @typedef {{ days: number[], inertial_km: number[][], rotating_km: number[][], moon_km: number[][] }} Path
- * @typedef {{ trajectories: Trajectory[], moon: Path, target: Path }} Flight
- */
+/** The REST API, as every view asks it: JSON in, JSON out, refusals with their words. */
 
 export const ROOT = "/api/v1";
 
@@ -49,13 +16,49 @@ export class ApiError extends Error {
 }
 
 /**
+ * @typedef {Record<string, string | number | boolean | null | undefined>} Query
+ */
+
+/**
+ * Return the address of a route; what is null or undefined is left out.
+ * @param {string} path below the root of the API
+ * @param {Query} [query]
+ */
+export function address(path, query = {}) {
+  const given = Object.entries(query).filter(([, value]) => value !== null && value !== undefined && value !== "");
+  const written = new URLSearchParams(given.map(([name, value]) => [name, String(value)])).toString();
+  return ROOT + path + (written ? `?${written}` : "");
+}
+
+/**
  * @param {string} path
+ * @param {Query} [query]
  * @returns {Promise<any>}
  */
-async function get(path) {
+export function get(path, query) {
+  return ask(address(path, query), { headers: { Accept: "application/json" } });
+}
+
+/**
+ * @param {string} path
+ * @param {unknown} [body] sent as JSON
+ * @param {Record<string, string>} [headers]
+ * @returns {Promise<any>}
+ */
+export function post(path, body, headers = {}) {
+  const content = body === undefined ? {} : { body: JSON.stringify(body) };
+  const type = { "Content-Type": "application/json", Accept: "application/json" };
+  return ask(address(path), { method: "POST", headers: { ...type, ...headers }, ...content });
+}
+
+/**
+ * @param {string} url
+ * @param {RequestInit} options
+ */
+async function ask(url, options) {
   let response;
   try {
-    response = await fetch(ROOT + path, { headers: { Accept: "application/json" } });
+    response = await fetch(url, options);
   } catch {
     throw new ApiError(0, "The coordinator does not answer.");
   }
@@ -64,7 +67,7 @@ async function get(path) {
     const body = await response.json().catch(() => ({}));
     throw new ApiError(response.status, body.detail ?? response.statusText);
   }
-  return response.json();
+  return response.status === 204 ? null : response.json();
 }
 
 /**
@@ -75,52 +78,4 @@ function signIn() {
   const here = window.location.pathname + window.location.search;
   window.location.assign(`/sign-in?next=${encodeURIComponent(here)}`);
   return new Promise(() => {});
-}
-
-/**
- * Ask who one is: an event stream that is refused does not say why.
- * @returns {Promise<{ name: string, role: string }>}
- */
-export function session() {
-  return get("/session");
-}
-
-/** @returns {Promise<CampaignItem[]>} */
-export async function campaigns() {
-  return (await get("/campaigns")).items;
-}
-
-/**
- * @param {number} id
- * @returns {Promise<Campaign>}
- */
-export function campaign(id) {
-  return get(`/campaigns/${id}`);
-}
-
-/** Most solutions that the table holds; the server sorts them by delta-v. */
-export const TABLE_LIMIT = 200;
-
-/**
- * @param {number} campaignId
- * @returns {Promise<{ items: Record_[], next: string | null }>}
- */
-export function solutions(campaignId) {
-  return get(`/solutions?campaign=${campaignId}&limit=${TABLE_LIMIT}`);
-}
-
-/**
- * @param {string} id
- * @returns {Promise<Record_>}
- */
-export function solution(id) {
-  return get(`/solutions/${encodeURIComponent(id)}`);
-}
-
-/**
- * @param {string} id
- * @returns {Promise<Flight>}
- */
-export function trajectory(id) {
-  return get(`/solutions/${encodeURIComponent(id)}/trajectory`);
 }

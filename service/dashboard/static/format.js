@@ -80,3 +80,12 @@ export function outages(outages) {
 export function shortId(id) {
   return id.slice(0, 8);
 }
+
+/**
+ * @param {string | null | undefined} text a time in UTC, as the service sends it
+ */
+export function date(text) {
+  if (!text) return NONE;
+  const how = /** @type {Intl.DateTimeFormatOptions} */ ({ day: "numeric", month: "short", year: "numeric", hour: "2-digit", minute: "2-digit" });
+  return new Date(text).toLocaleString("en-GB", how);
+}

@@ -3,23 +3,23 @@
 
 import { ROOT } from "./api.js";
 
-const KINDS = ["job", "solution", "search", "campaign"];
 const RETRY_MS = [1000, 2000, 5000, 10000];
 /** A connection lost for longer than this is shown as a stopped coordinator. */
 const PATIENCE_MS = 6000;
 
 /**
  * @typedef {"live" | "connecting" | "stopped"} Connection
+ * @typedef {{ id: number, campaign_id: number, kind: string, created_at: string, data: Record<string, any> }} Event_
  */
 
 export class EventStream {
   /**
-   * @param {number} campaignId
-   * @param {(kind: string) => void} onEvent
+   * @param {string} path of the stream, below the root of the API
+   * @param {(event: Event_ | null) => void} onEvent null stands for all that was missed while the line was down
    * @param {(connection: Connection) => void} onConnection
    */
-  constructor(campaignId, onEvent, onConnection) {
-    this.address = `${ROOT}/campaigns/${campaignId}/events`;
+  constructor(path, onEvent, onConnection) {
+    this.address = ROOT + path;
     this.onEvent = onEvent;
     this.onConnection = onConnection;
     this.failures = 0;
@@ -35,16 +35,13 @@ export class EventStream {
     this.source = new EventSource(this.address + from);
     this.source.onopen = () => this.connected();
     this.source.onerror = () => this.lost();
-    const take = (/** @type {MessageEvent} */ event) => this.take(event);
-    this.source.onmessage = take;
-    for (const kind of KINDS) this.source.addEventListener(kind, take);
+    this.source.onmessage = (event) => this.take(event);
   }
 
   /** @param {MessageEvent} event */
   take(event) {
     this.lastId = event.lastEventId || this.lastId;
-    const kind = event.type === "message" ? JSON.parse(event.data).kind : event.type;
-    this.onEvent(kind);
+    this.onEvent(JSON.parse(event.data));
   }
 
   connected() {
@@ -54,7 +51,7 @@ export class EventStream {
     this.failures = 0;
     this.onConnection("live");
     // What happened while the line was down is read once, whatever the stream replays.
-    if (again) this.onEvent("reconnected");
+    if (again) this.onEvent(null);
   }
 
   lost() {

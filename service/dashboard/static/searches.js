@@ -1,147 +1,134 @@
 // @ts-check
-/** Progress of every search: guesses by outcome, feasibility with its interval, cost and best. */
+/** Progress of every search of a campaign: guesses by outcome, feasibility, cost and best, one row each. */
 
 import { byId, el, fill } from "./dom.js";
-import { duration, NONE, number, outages, percent } from "./format.js";
+import { NONE, number, outages, percent } from "./format.js";
+import { ofPlanned, OUTCOMES, outcomeBar } from "./outcomes.js";
+import { lookOf } from "./strategies.js";
 import { wilson } from "./wilson.js";
 
-/** @typedef {import("./api.js").Search} Search */
+/** @typedef {import("./campaign.js").Search} Search */
+
+const HEAD = [
+  ["Search", ""],
+  ["Guesses", "wide"],
+  ["Feasible, strict", ""],
+  ["Best Δv", "number"],
+  ["CPU a solution", "number minor"],
+  ["Weight", "number minor"],
+];
 
 /**
+ * @param {number} campaign
  * @param {Search[]} searches
+ * @param {((search: Search) => void) | null} onChange asks for another weight; null where one may not
  */
-export function showSearches(searches) {
-  fill(byId("searches"), searches.map(card));
+export function showSearches(campaign, searches, onChange) {
+  const focused = document.activeElement?.getAttribute("data-weight-of");
+  fill(
+    byId("searches"),
+    el(
+      "table",
+      { class: "search-table" },
+      el("caption", { class: "visually-hidden" }, "Searches and how far they are"),
+      el("thead", {}, el("tr", {}, HEAD.map(([title, kind]) => el("th", { scope: "col", class: kind || null }, title)))),
+      el("tbody", {}, searches.map((search) => line(campaign, search, onChange))),
+    ),
+  );
+  fill(byId("outcomes"), OUTCOMES.map(({ key, words }) => el("li", {}, el("i", { class: key }), words)));
+  // A row that is written anew keeps the keyboard where it was.
+  if (focused) /** @type {HTMLElement | null} */ (document.querySelector(`[data-weight-of="${CSS.escape(focused)}"]`))?.focus();
 }
 
-/** @param {Search} search */
-function card(search) {
+/**
+ * @param {number} campaign
+ * @param {Search} search
+ * @param {((search: Search) => void) | null} onChange
+ */
+function line(campaign, search, onChange) {
+  const href = `/campaigns/${campaign}/searches/${encodeURIComponent(search.name)}`;
+  const perSolution = search.n_strict > 0 ? search.cpu_seconds / search.n_strict : null;
   return el(
-    "article",
-    { class: "card search", "data-search": search.name, "data-solves": search.n_solves },
+    "tr",
+    { "data-search": search.name, "data-solves": search.n_solves },
     el(
-      "header",
-      {},
-      el("h3", {}, search.strategy),
-      el("span", { class: "muted" }, search.name),
-      el("span", { class: "pill", "data-state": search.state }, search.state),
+      "th",
+      { scope: "row" },
+      el("i", { class: "swatch", style: `background:${lookOf(search.strategy).color}` }),
+      el("a", { href }, search.strategy),
+      el("span", { class: "muted name" }, ` ${search.name} `),
+      search.state !== "active" && el("span", { class: "pill", "data-state": search.state }, search.state),
+      el("span", { class: "muted about" }, about(search)),
     ),
-    el("p", { class: "muted about" }, about(search)),
-    progress(search),
-    el("div", { class: "ratios" }, ratio("strict", search.n_strict, search), ratio("paper", search.n_paper, search)),
-    numbers(search),
+    el("td", { class: "wide" }, outcomeBar(outcomesOf(search), search.n_guesses_planned, `${search.name}: guesses solved`), el("span", { class: "muted" }, count(search))),
+    el("td", {}, ratio(search)),
+    el("td", { class: "number" }, best(search)),
+    el("td", { class: "number minor" }, number(perSolution, perSolution !== null && perSolution < 100 ? 1 : 0, "s")),
+    el("td", { class: "number minor" }, weight(search, onChange)),
   );
 }
 
 /** @param {Search} search */
 function about(search) {
-  const drawn = `Guesses drawn at random${search.hops > 1 ? ", improved by hops" : ""}`;
-  if (search.k === 0) return `${drawn}; no outage to survive.`;
-  const source = search.seeds_from ? `Seeds from ${search.seeds_from}, mapped “${search.mapping}”. ` : `${drawn}. `;
-  const what = search.k === 1 ? "an outage" : `${search.k} outages`;
-  if (search.cases.length === 1) return `${source}Survives ${what}: ${outages(search.cases[0].outages)}.`;
-  return `${source}Survives ${what}, in ${search.cases.length} cases from ${outages(search.cases[0].outages)} on.`;
+  if (search.state === "waiting" && search.seeds_from) return `waits for the seeds of ${search.seeds_from}`;
+  const first = search.cases[0] ? outages(search.cases[0].outages) : "";
+  const where = search.cases.length > 1 ? `${number(search.cases.length, 0)} cases, first: ${first}` : first;
+  const source = search.seeds_from ? `seeds of ${search.seeds_from}, ${search.mapping}; ` : "";
+  return `${source}${where}`;
 }
 
 /**
- * Return the guesses by outcome, each once: the strict ones, those feasible for the paper only, the rest.
+ * Return the guesses by outcome, each once.
  * @param {Search} search
- * @returns {[string, number, string][]}
  */
-function outcomes(search) {
+function outcomesOf(search) {
   const timeout = search.endings.timeout ?? 0;
   const numerical = search.endings.numerical ?? 0;
   const infeasible = Math.max(0, search.n_solves - search.n_paper - timeout - numerical);
-  /** @type {[string, number, string][]} */
-  const all = [
-    ["strict", search.n_strict, "feasible, strict"],
-    ["paper", search.n_paper - search.n_strict, "feasible, paper only"],
-    ["infeasible", infeasible, "infeasible"],
-    ["timeout", timeout, "out of time"],
-    ["numerical", numerical, "not finite"],
-  ];
-  return all;
+  return { strict: search.n_strict, paper: search.n_paper - search.n_strict, infeasible, timeout, numerical };
 }
 
 /** @param {Search} search */
-function progress(search) {
-  const planned = Math.max(search.n_guesses_planned ?? search.n_solves, search.n_solves, 1);
-  const all = outcomes(search);
-  const bar = all.map(([kind, count]) =>
-    el("span", { class: `share ${kind}`, style: `width:${(100 * count) / planned}%` }),
-  );
-  const said = `${number(search.n_solves, 0)} of ${search.n_guesses_planned === null ? "an open number of" : number(planned, 0)} guesses`;
-  const shown = all.filter(([kind, count]) => count > 0 || kind === "strict");
-  return el(
-    "div",
-    { class: "progress" },
-    el(
-      "div",
-      {
-        class: "bar",
-        role: "progressbar",
-        "aria-label": `${search.strategy}: guesses solved`,
-        "aria-valuemin": 0,
-        "aria-valuemax": planned,
-        "aria-valuenow": search.n_solves,
-      },
-      bar,
-    ),
-    el(
-      "ul",
-      { class: "outcomes" },
-      el("li", { class: "total" }, said, waiting(search)),
-      shown.map(([kind, count, words]) => el("li", {}, el("i", { class: kind }), `${number(count, 0)} ${words}`)),
-    ),
-  );
-}
-
-/** @param {Search} search */
-function waiting(search) {
+function count(search) {
   const { running, dead } = search.jobs;
-  const parts = [running ? `${running} running` : "", dead ? `${dead} dead` : ""].filter(Boolean);
-  return parts.length ? ` · ${parts.join(", ")}` : "";
+  const jobs = [running ? `${number(running, 0)} running` : "", dead ? `${number(dead, 0)} dead` : ""].filter(Boolean);
+  if (search.n_guesses_planned === 0) return "no seed yet";
+  return [ofPlanned(search.n_solves, search.n_guesses_planned), ...jobs].join(" · ");
 }
 
-/**
- * @param {"strict" | "paper"} level
- * @param {number} feasible
- * @param {Search} search
- */
-function ratio(level, feasible, search) {
+/** @param {Search} search */
+function ratio(search) {
   const trials = search.n_solves;
-  const [low, high] = wilson(feasible, trials);
-  const title = { strict: "0.1 km, 0.1 m/s, 0.01 kg", paper: "1 km, 100 m/s, 1 kg" }[level];
-  const text = trials === 0 ? NONE : `${percent(feasible / trials)}`;
-  const range = trials === 0 ? "no guess yet" : `${percent(low)} to ${percent(high)}`;
+  if (trials === 0) return el("span", { class: "muted" }, NONE);
+  const [low, high] = wilson(search.n_strict, trials);
+  const share = search.n_strict / trials;
   return el(
-    "div",
-    { class: "ratio", title: `Within ${title} in an independent flight; 95 % Wilson interval` },
-    el("span", { class: "label" }, `Feasible, ${level}`),
-    el("strong", {}, text),
+    "span",
+    { class: "ratio", title: "Within 0.1 km, 0.1 m/s and 0.01 kg in an independent flight; 95 % Wilson interval" },
+    el("strong", {}, percent(share)),
     el(
       "span",
       { class: "interval", "aria-hidden": "true" },
-      trials > 0 && el("span", { class: `band ${level}`, style: `left:${100 * low}%;right:${100 - 100 * high}%` }),
-      trials > 0 && el("span", { class: "dot", style: `left:${(100 * feasible) / trials}%` }),
+      el("span", { class: "band strict", style: `left:${100 * low}%;right:${100 - 100 * high}%` }),
+      el("span", { class: "dot", style: `left:${100 * share}%` }),
     ),
-    el("span", { class: "muted range" }, range),
+    el("span", { class: "muted range" }, `${percent(low)} to ${percent(high)}`),
   );
 }
 
 /** @param {Search} search */
-function numbers(search) {
-  const perSolution = search.n_strict > 0 ? search.cpu_seconds / search.n_strict : null;
-  /** @type {[string, string][]} */
-  const facts = [
-    ["Best Δv", number(search.best_delta_v_km_s, 4, "km/s")],
-    ["Propellant", number(search.best_propellant_kg, 1, "kg")],
-    ["CPU a solution", perSolution === null ? NONE : number(perSolution, perSolution < 100 ? 1 : 0, "s")],
-    ["CPU in all", duration(search.cpu_seconds)],
-  ];
-  return el(
-    "dl",
-    { class: "facts" },
-    facts.map(([name, value]) => el("div", { class: "fact" }, el("dt", {}, name), el("dd", {}, value))),
-  );
+function best(search) {
+  const words = number(search.best_delta_v_km_s, 4, "km/s");
+  return search.best_solution_id ? el("a", { href: `/solutions/${search.best_solution_id}` }, words) : words;
+}
+
+/**
+ * @param {Search} search
+ * @param {((search: Search) => void) | null} onChange
+ */
+function weight(search, onChange) {
+  const words = String(Number(search.weight.toPrecision(3)));
+  if (!onChange || search.state === "done" || search.state === "cancelled") return words;
+  const name = `Change weight and priority of ${search.name}; its weight is ${words}`;
+  return el("button", { type: "button", "data-weight-of": search.name, "aria-label": name, title: name, onclick: () => onChange(search) }, words);
 }

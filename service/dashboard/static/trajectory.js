@@ -1,53 +1,120 @@
 // @ts-check
-/** The chosen solution in space, in one of three frames. */
+/** A solution in space: all arcs in one of three frames, and markers that move with time. */
 
-import { byId, el, fill } from "./dom.js";
+import { Figure, sampled } from "./figure.js";
+import { FRAMES, LIT, NOWHERE, distance, lookOf, nameOf, placeAt, pointsOf, spacecraftAt } from "./flight.js";
 import { number } from "./format.js";
-import { draw, realizationColour } from "./plots.js";
+import { plotly } from "./plots.js";
+import { bodies, columns, line, proportions, sceneLayout } from "./scene.js";
 import { colour } from "./theme.js";
 
 /**
- * @typedef {import("./api.js").Flight} Flight
- * @typedef {import("./api.js").Trajectory} Trajectory
- * @typedef {import("./api.js").Path} Path
- * @typedef {"rotating" | "inertial" | "moon"} Frame
- * @typedef {[number | null, number | null, number | null]} Point
+ * @typedef {import("./flight.js").Flight} Flight
+ * @typedef {import("./flight.js").Trajectory} Trajectory
+ * @typedef {import("./flight.js").Frame} Frame
+ * @typedef {import("./flight.js").Point} Point
  */
 
-/** @type {{ id: Frame, title: string, note: string }[]} */
-export const FRAMES = [
-  {
-    id: "rotating",
-    title: "Earth–Moon rotating",
-    note: "x along the Moon, z along its angular momentum; lengths scaled so that the Moon stays at 384 400 km.",
-  },
-  { id: "inertial", title: "Inertial", note: "Geocentric, J2000 axes." },
-  { id: "moon", title: "Moon", note: "Moon-centred, J2000 axes; drawn within 100 000 km, the Moon to scale." },
-];
+export class TrajectoryFigure {
+  /** @param {HTMLElement} place */
+  constructor(place) {
+    this.figure = new Figure(place, "Trajectory", { tall: true });
+    this.plot = this.figure.plot;
+    /** @type {Flight | undefined} */
+    this.flight = undefined;
+    /** @type {Frame} */
+    this.frame = "rotating";
+    /** @type {Set<number>} */
+    this.hidden = new Set();
+    this.isMoving = false;
+  }
 
-/** Below this throttle a segment counts as a coast in pictures. */
-export const LIT = 0.02;
-/** How far from the Moon the Moon-centred picture reaches [km]. */
-const MOON_REACH_KM = 1e5;
-const MOON_RADIUS_KM = 1737.4;
-const KM_PER_UNIT = 1000;
+  /**
+   * @param {Flight} flight
+   * @param {Frame} frame
+   * @param {Set<number>} hidden trajectories that are switched off
+   * @param {number} day
+   */
+  async show(flight, frame, hidden, day) {
+    [this.flight, this.frame, this.hidden] = [flight, frame, hidden];
+    const traces = [
+      ...bodies(flight, frame),
+      line("Target orbit", pointsOf(flight.target, frame), { color: colour("target"), width: 4 }),
+      ...flight.trajectories.flatMap((trajectory, index) => (hidden.has(index) ? [] : arcTraces(trajectory, index, frame))),
+      ...this.moving(day),
+    ];
+    const n = flight.trajectories.reduce((sum, { days }) => sum + days.length, 0);
+    const note = FRAMES.find(({ id }) => id === frame)?.note ?? "";
+    const layout = sceneLayout(frame, proportions(traces), this.plot.clientWidth);
+    await this.figure.show(traces, layout, `${note} ${sampled(n, flight.n_samples, "samples")}`);
+    this.plot.dataset.frame = frame;
+  }
 
-/**
- * @param {Flight} flight
- * @param {Frame} frame
- */
-export async function showTrajectory(flight, frame) {
-  const traces = [
-    ...bodies(flight, frame),
-    line("Target orbit", pathPoints(flight.target, frame), { color: colour("target"), width: 4 }),
-    ...flight.trajectories.flatMap((trajectory, index) => trajectoryTraces(trajectory, index, frame)),
-  ];
-  legend(flight, frame);
-  byId("frame-note").textContent = FRAMES.find(({ id }) => id === frame)?.note ?? "";
-  const place = byId("trajectory");
-  place.dataset.frame = frame;
-  const isNarrow = place.clientWidth < 500;
-  await draw(place, traces, layout(frame, proportions(traces), isNarrow), "png");
+  /**
+   * Return the traces that move: the Moon, and the spacecraft on every trajectory that is shown.
+   * @param {number} day
+   */
+  moving(day) {
+    const places = this.places(day);
+    const shown = this.shown();
+    const moon = {
+      type: "scatter3d",
+      mode: "markers+text",
+      name: "Moon",
+      ...columns([places.moon]),
+      text: ["Moon"],
+      textposition: "top center",
+      textfont: { color: colour("muted"), size: 12 },
+      marker: { color: colour("moon"), size: this.frame === "moon" ? 0.1 : 7 },
+      hovertemplate: "Moon<extra></extra>",
+    };
+    const craft = {
+      type: "scatter3d",
+      mode: "markers+text",
+      name: "Spacecraft",
+      ...columns(places.craft),
+      text: shown.map((index) => (index === 0 ? "" : String(index))),
+      textposition: "middle right",
+      textfont: { color: colour("text"), size: 13 },
+      marker: {
+        color: shown.map((index) => lookOf(index).color),
+        size: 7,
+        symbol: "diamond",
+        line: { color: colour("text"), width: 1.5 },
+      },
+      hovertemplate: shown.map((index) => `${nameOf(index)}<extra></extra>`),
+    };
+    return [moon, craft];
+  }
+
+  /** @param {number} day */
+  places(day) {
+    const flight = /** @type {Flight} */ (this.flight);
+    const moon = this.frame === "moon" ? NOWHERE : placeAt(flight.moon, Math.min(day, /** @type {number} */ (flight.moon.days.at(-1))), this.frame);
+    return { moon, craft: this.shown().map((index) => spacecraftAt(flight, index, day, this.frame)) };
+  }
+
+  shown() {
+    const flight = /** @type {Flight} */ (this.flight);
+    return flight.trajectories.map((_, index) => index).filter((index) => !this.hidden.has(index));
+  }
+
+  /**
+   * Move the markers to a day; one move at a time, so a slow machine skips days instead of falling behind.
+   * @param {number} day
+   */
+  async move(day) {
+    if (this.isMoving || !this.flight || !this.plot.dataset.drawn) return false;
+    this.isMoving = true;
+    const { moon, craft } = this.places(day);
+    const [first, second] = [columns([moon]), columns(craft)];
+    const n = /** @type {any} */ (this.plot).data.length;
+    const change = { x: [first.x, second.x], y: [first.y, second.y], z: [first.z, second.z] };
+    await (await plotly()).restyle(this.plot, change, [n - 2, n - 1]);
+    this.plot.dataset.day = day.toFixed(2);
+    this.isMoving = false;
+    return true;
+  }
 }
 
 /**
@@ -55,34 +122,25 @@ export async function showTrajectory(flight, frame) {
  * @param {number} index
  * @param {Frame} frame
  */
-function trajectoryTraces(trajectory, index, frame) {
-  const name = index === 0 ? "reference" : `realization ${index}`;
-  const points = placed(trajectory.inertial_km, trajectory.rotating_km, trajectory.moon_km, frame);
+function arcTraces(trajectory, index, frame) {
+  const name = nameOf(index);
+  const points = pointsOf(trajectory, frame);
   const told = trajectory.days.map(
     (day, i) =>
       `${name}, ${number(day, 2, "d")}<br>${number(trajectory.mass_kg[i], 1, "kg")}, ` +
       `${number(trajectory.speed_km_s[i], 3, "km/s")}<br>Earth ${number(distance(trajectory.inertial_km[i]), 0, "km")}, ` +
       `Moon ${number(distance(trajectory.inertial_km[i], trajectory.moon_km[i]), 0, "km")}`,
   );
-  const main = index === 0 ? colour("reference") : realizationColour(index);
-  const faint = index === 0 ? colour("coast") : main;
+  const { color, dash } = lookOf(index);
   const styles = {
-    thrust: { color: main, width: 6 },
-    coast: { color: faint, width: 2 },
+    thrust: { color, dash, width: 6 },
+    coast: { color: index === 0 ? colour("coast") : color, dash, width: 2 },
     outage: { color: colour("outage"), width: 9 },
   };
   return /** @type {const} */ (["coast", "thrust", "outage"]).map((kind) => {
     const [chosen, texts] = arcsOf(trajectory, kind, points, told);
-    return { ...line(`${name}, ${kind}`, chosen, styles[kind]), text: texts, hovertemplate: "%{text}<extra></extra>" };
+    return { ...line(`${name}, ${kind}`, chosen, styles[kind]), text: texts, hoverinfo: "text", hovertemplate: "%{text}<extra></extra>" };
   });
-}
-
-/**
- * @param {number[]} place
- * @param {number[]} [from] the Earth's centre if left out
- */
-function distance(place, from = [0, 0, 0]) {
-  return Math.hypot(...place.map((value, axis) => value - from[axis]));
 }
 
 /**
@@ -101,171 +159,8 @@ function arcsOf(trajectory, kind, points, told) {
   for (const arc of trajectory.arcs) {
     const drawn = arc.kind === "thrust" && arc.throttle < LIT ? "coast" : arc.kind;
     if (drawn !== kind) continue;
-    chosen.push(...points.slice(arc.first, arc.stop), [null, null, null]);
+    chosen.push(...points.slice(arc.first, arc.stop), NOWHERE);
     texts.push(...told.slice(arc.first, arc.stop), "");
   }
   return [chosen, texts];
-}
-
-/**
- * @param {number[][]} inertial
- * @param {number[][]} rotating
- * @param {number[][]} moon
- * @param {Frame} frame
- * @returns {Point[]}
- */
-function placed(inertial, rotating, moon, frame) {
-  if (frame === "rotating") return /** @type {Point[]} */ (rotating);
-  if (frame === "inertial") return /** @type {Point[]} */ (inertial);
-  return inertial.map((row, i) => {
-    if (!(distance(row, moon[i]) < MOON_REACH_KM)) return [null, null, null];
-    return /** @type {Point} */ (row.map((value, axis) => value - moon[i][axis]));
-  });
-}
-
-/**
- * @param {Path} path
- * @param {Frame} frame
- */
-function pathPoints(path, frame) {
-  return placed(path.inertial_km, path.rotating_km, path.moon_km, frame);
-}
-
-/**
- * @param {string} name
- * @param {Point[]} points
- * @param {object} style
- */
-function line(name, points, style) {
-  return { type: "scatter3d", mode: "lines", name, hoverinfo: "skip", connectgaps: false, line: style, ...columns(points) };
-}
-
-/** @param {Point[]} points */
-function columns(points) {
-  const scaled = (/** @type {number} */ axis) =>
-    points.map((point) => (point[axis] === null ? null : /** @type {number} */ (point[axis]) / KM_PER_UNIT));
-  return { x: scaled(0), y: scaled(1), z: scaled(2) };
-}
-
-/**
- * @param {Flight} flight
- * @param {Frame} frame
- */
-function bodies(flight, frame) {
-  const [reference] = flight.trajectories;
-  const start = placed(reference.inertial_km, reference.rotating_km, reference.moon_km, frame)[0];
-  const markers = [marker("departure", start, colour("text"), 4, "circle-open")];
-  if (frame === "moon") return [...markers, sphere(MOON_RADIUS_KM)];
-  const end = pathPoints(flight.moon, frame).at(-1) ?? [null, null, null];
-  markers.push(marker("Earth", [0, 0, 0], colour("earth"), 9, "circle"), marker("Moon", end, colour("moon"), 6, "circle"));
-  const path = line("Moon’s path", pathPoints(flight.moon, frame), { color: colour("moon"), width: 1.5, dash: "dot" });
-  return frame === "inertial" ? [path, ...markers] : markers;
-}
-
-/**
- * @param {string} name
- * @param {Point} point
- * @param {string} tint
- * @param {number} size
- * @param {string} symbol
- */
-function marker(name, point, tint, size, symbol) {
-  return {
-    type: "scatter3d",
-    mode: "markers+text",
-    name,
-    ...columns([point]),
-    text: [name],
-    textposition: "top center",
-    textfont: { color: colour("muted"), size: 12 },
-    marker: { color: tint, size, symbol },
-    hovertemplate: `${name}<extra></extra>`,
-  };
-}
-
-/** @param {number} radiusKm */
-function sphere(radiusKm) {
-  const steps = Array.from({ length: 25 }, (_, i) => i / 24);
-  const radius = radiusKm / KM_PER_UNIT;
-  const grid = (/** @type {(u: number, v: number) => number} */ of) =>
-    steps.map((v) => steps.map((u) => radius * of(2 * Math.PI * u, Math.PI * v)));
-  return {
-    type: "surface",
-    name: "Moon",
-    x: grid((u, v) => Math.cos(u) * Math.sin(v)),
-    y: grid((u, v) => Math.sin(u) * Math.sin(v)),
-    z: grid((_, v) => Math.cos(v)),
-    colorscale: [[0, colour("moon")], [1, colour("moon")]],
-    showscale: false,
-    hovertemplate: "Moon<extra></extra>",
-  };
-}
-
-/**
- * Return the sides of the box around all traces, the longest being 1.
- * @param {any[]} traces
- */
-function proportions(traces) {
-  const [x, y, z] = ["x", "y", "z"].map((axis) => {
-    // Not spread into Math.min: a picture may have more points than a call may have arguments.
-    const values = traces.flatMap((trace) => trace[axis].flat()).filter(Number.isFinite);
-    return values.reduce((a, b) => Math.max(a, b), -Infinity) - values.reduce((a, b) => Math.min(a, b), Infinity);
-  });
-  const longest = Math.max(x, y, z);
-  return { x: x / longest, y: y / longest, z: z / longest };
-}
-
-/**
- * @param {Frame} frame
- * @param {{ x: number, y: number, z: number }} aspectratio
- * @param {boolean} isNarrow
- */
-function layout(frame, aspectratio, isNarrow) {
-  const axis = (/** @type {string} */ title, ticks = 6) => ({
-    nticks: ticks,
-    title: { text: `${title} [10³ km]`, font: { size: 11 } },
-    tickfont: { size: 10 },
-    gridcolor: colour("line"),
-    zeroline: false,
-    showbackground: false,
-    showspikes: false,
-  });
-  const eyes = { rotating: [0.1, -1.02, 0.8], inertial: [0.36, -0.76, 1.06], moon: [1.0, -1.05, 0.33] };
-  // A narrow picture shows all of the scene from further away.
-  const [x, y, z] = eyes[frame].map((value) => value * (isNarrow ? 1.3 : 1));
-  return {
-    margin: { l: 0, r: 0, t: 0, b: 0 },
-    // A revision per frame keeps the reader's own view while the data changes.
-    uirevision: frame,
-    scene: {
-      aspectmode: "manual",
-      aspectratio,
-      xaxis: axis("x"),
-      yaxis: axis("y"),
-      zaxis: axis("z", frame === "moon" ? 6 : 3),
-      camera: { eye: { x, y, z }, center: { x: 0, y: 0, z: frame === "rotating" ? -0.08 : -0.04 } },
-      uirevision: frame,
-    },
-  };
-}
-
-/**
- * @param {Flight} flight
- * @param {Frame} frame
- */
-function legend(flight, frame) {
-  const realizations = flight.trajectories.slice(1);
-  /** @type {[string, string, string][]} */
-  const entries = [["thick", colour("reference"), "reference, thrust"], ["thin", colour("coast"), "reference, coast"]];
-  if (realizations.length > 0) entries.push(["thick", colour("outage"), "outage"]);
-  realizations.forEach((_, i) => {
-    const which = realizations.length > 1 ? `realization ${i + 1}` : "realization";
-    entries.push(["thick", realizationColour(i + 1), `${which}, thrust`], ["thin", realizationColour(i + 1), `${which}, coast`]);
-  });
-  entries.push(["medium", colour("target"), "target orbit"]);
-  if (frame === "inertial") entries.push(["dotted", colour("moon"), "Moon’s path"]);
-  fill(
-    byId("legend"),
-    entries.map(([kind, tint, words]) => el("li", {}, el("i", { class: kind, style: `--tint:${tint}` }), words)),
-  );
 }

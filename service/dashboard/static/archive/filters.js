@@ -1,0 +1,138 @@
+// @ts-check
+/** The fields that restrict the archive: what they say stands in the address of the page. */
+
+import { address } from "../api.js";
+import { el, fill } from "../dom.js";
+import { number } from "../format.js";
+import { parameter, setParameters } from "../page.js";
+import { compareStrategies } from "../strategies.js";
+import { AXES } from "./axes.js";
+
+/** Names of the filter, the same in the address of the page and in the API. */
+const CHOICES = ["campaign", "search", "strategy", "k", "segment", "duration_days", "tolerance"];
+const BOUNDS = AXES.flatMap(({ key }) => [`min_${key}`, `max_${key}`]);
+const NAMES = [...CHOICES, ...BOUNDS];
+/** What is no longer true of another list. */
+const ANEW = { after: null, begin: null };
+/** Axes whose fields are always in sight. */
+const MAIN = ["delta_v_km_s", "time_of_flight_days"];
+
+/** @returns {import("../api.js").Query} */
+export function filterOfAddress() {
+  return Object.fromEntries(NAMES.map((name) => [name, parameter(name)]).filter(([, value]) => value));
+}
+
+export class Filters {
+  /**
+   * @param {HTMLElement} form
+   * @param {() => void} onChange called when the address names another filter
+   */
+  constructor(form, onChange) {
+    this.form = /** @type {HTMLFormElement} */ (form);
+    this.onChange = onChange;
+    this.form.addEventListener("submit", (event) => event.preventDefault());
+    this.form.addEventListener("change", (event) => this.changed(/** @type {HTMLInputElement} */ (event.target)));
+    this.shown = "";
+  }
+
+  /**
+   * Show what can be chosen and what is.
+   * @param {any} choices as `GET /solutions/choices` gives them
+   */
+  show(choices) {
+    const filter = filterOfAddress();
+    const seen = JSON.stringify([choices, filter]);
+    if (seen === this.shown) return;
+    this.shown = seen;
+    const focused = /** @type {HTMLInputElement | null} */ (this.form.querySelector(":focus"))?.name;
+    const isOpen = this.form.querySelector("details")?.open || BOUNDS.slice(2 * MAIN.length).some((name) => filter[name]);
+    const others = AXES.filter(({ key }) => !MAIN.includes(key));
+    fill(
+      this.form,
+      el("div", { class: "fields" }, this.selects(choices, filter), MAIN.map((key) => range(key, filter))),
+      el("details", { open: isOpen }, el("summary", {}, "Further ranges"), el("div", { class: "fields" }, others.map(({ key }) => range(key, filter)))),
+      this.buttons(filter),
+    );
+    if (focused) /** @type {HTMLElement | null} */ (this.form.elements.namedItem(focused))?.focus();
+  }
+
+  /**
+   * @param {any} choices
+   * @param {import("../api.js").Query} filter
+   */
+  selects(choices, filter) {
+    const plain = (/** @type {(string | number)[]} */ values) => values.map((value) => [String(value), String(value)]);
+    const days = choices.durations_days.map((/** @type {number} */ value) => [String(value), number(value, 2, "d")]);
+    return [
+      select("campaign", "Campaign", choices.campaigns.map((/** @type {any} */ c) => [String(c.id), `${c.id} ${c.name}`]), filter),
+      select("strategy", "Strategy", plain(choices.strategies.toSorted(compareStrategies)), filter),
+      select("search", "Search", plain(choices.searches), filter),
+      select("k", "k, outages survived", plain(choices.k), filter),
+      select("segment", "Outage at segment", plain(choices.segments), filter),
+      select("duration_days", "Outage lasts", days, filter),
+      select("tolerance", "Verified to", [["strict", "strict tolerance"], ["paper", "paper’s tolerance"]], filter),
+    ];
+  }
+
+  /** @param {import("../api.js").Query} filter */
+  buttons(filter) {
+    const clear = el("button", { type: "button", id: "clear", hidden: Object.keys(filter).length === 0, onclick: () => this.clear() }, "Clear all filters");
+    const link = (/** @type {string} */ format, /** @type {string} */ words) =>
+      el("a", { class: "button", id: `export-${format}`, href: address("/solutions", { ...filter, format }), download: `solutions.${format}` }, words);
+    return el("div", { class: "filter-ends" }, clear, el("span", { class: "muted" }, "Download what is filtered:"), link("csv", "CSV"), link("ndjson", "NDJSON"));
+  }
+
+  clear() {
+    setParameters({ ...Object.fromEntries(NAMES.map((name) => [name, null])), ...ANEW });
+    this.onChange();
+  }
+
+  /** @param {HTMLInputElement} field */
+  changed(field) {
+    if (!NAMES.includes(field.name)) return;
+    if (!field.checkValidity()) return field.reportValidity();
+    // Searches and outages of another campaign are others.
+    const others = field.name === "campaign" ? { search: null, segment: null, duration_days: null } : {};
+    setParameters({ ...others, [field.name]: field.value || null, ...ANEW });
+    this.onChange();
+  }
+
+  /**
+   * Restrict an axis, as a brush does; null frees it.
+   * @param {string} key
+   * @param {[number, number] | null} bounds
+   */
+  restrict(key, bounds) {
+    const [least, most] = bounds ?? [null, null];
+    setParameters({ [`min_${key}`]: least, [`max_${key}`]: most, ...ANEW });
+    this.onChange();
+  }
+}
+
+/**
+ * @param {string} name
+ * @param {string} title
+ * @param {string[][]} options values and words
+ * @param {import("../api.js").Query} filter
+ */
+function select(name, title, options, filter) {
+  const chosen = filter[name] === undefined ? "" : String(filter[name]);
+  // An address may name what is not there, and says so.
+  const all = chosen && !options.some(([value]) => value === chosen) ? [...options, [chosen, chosen]] : options;
+  const entries = [["", "all"], ...all].map(([value, words]) => el("option", { value, selected: value === chosen }, words));
+  return el("label", { class: "filter" }, el("span", {}, title), el("select", { name }, entries));
+}
+
+/**
+ * @param {string} key
+ * @param {import("../api.js").Query} filter
+ */
+function range(key, filter) {
+  const { title, unit } = /** @type {import("./axes.js").Axis} */ (AXES.find((axis) => axis.key === key));
+  const field = (/** @type {"min" | "max"} */ end, /** @type {string} */ words) => {
+    const name = `${end}_${key}`;
+    const how = { type: "number", step: "any", min: 0, name, value: filter[name] ?? "", placeholder: words };
+    return el("input", { ...how, "aria-label": `${title} [${unit}], ${words}` });
+  };
+  return el("div", { class: "filter", role: "group", "aria-label": title }, el("span", {}, title, el("small", {}, ` ${unit}`)), el("span", { class: "range" }, field("min", "least"), "–", field("max", "most")));
+}

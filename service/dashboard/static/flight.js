@@ -1,0 +1,165 @@
+// @ts-check
+/** A solution in samples, as `GET /solutions/{id}/trajectory` gives it: names, frames, and where things are when. */
+
+import { number } from "./format.js";
+import { colour } from "./theme.js";
+
+/**
+ * @typedef {{ segment: number, duration_days: number }} Outage
+ * @typedef {{ kind: "coast" | "thrust" | "outage", segment: number, first: number, stop: number, throttle: number,
+ *   in_plane_rad: number, out_of_plane_rad: number }} Arc
+ * @typedef {{ days: number[], inertial_km: number[][], rotating_km: number[][], moon_km: number[][] }} Track
+ * @typedef {Track & { outage: Outage | null, arcs: Arc[], matchpoint: number, speed_km_s: number[], mass_kg: number[] }} Trajectory
+ * @typedef {{ trajectories: Trajectory[], moon: Track, target: Track, n_samples: number }} Flight
+ * @typedef {"rotating" | "inertial" | "moon"} Frame
+ * @typedef {[number | null, number | null, number | null]} Point
+ */
+
+/** @type {{ id: Frame, title: string, note: string }[]} */
+export const FRAMES = [
+  {
+    id: "rotating",
+    title: "Earth–Moon rotating",
+    note: "x along the Moon, z along its angular momentum; lengths scaled so that the Moon stays at 384 400 km.",
+  },
+  { id: "inertial", title: "Inertial", note: "Geocentric, J2000 axes." },
+  { id: "moon", title: "Moon-centred", note: "Moon-centred, J2000 axes; drawn within 100 000 km, the Moon to scale." },
+];
+
+/** Below this throttle a segment counts as a coast in pictures. */
+export const LIT = 0.02;
+/** How far from the Moon the Moon-centred picture reaches [km]. */
+const MOON_REACH_KM = 1e5;
+/** @type {Point} */
+export const NOWHERE = [null, null, null];
+const COLOURS = ["realization", "realization-2", "realization-3", "realization-4", "realization-5"];
+const DASHES = ["solid", "dash", "dot"];
+const DAY_MS = 86_400_000;
+
+/** @param {number} index 0 is the reference */
+export function nameOf(index) {
+  return index === 0 ? "reference" : `realization ${index}`;
+}
+
+/**
+ * Return colour and dash of a trajectory: told apart with any colour vision, and dashes tell what shares a colour.
+ * @param {number} index
+ */
+export function lookOf(index) {
+  if (index === 0) return { color: colour("reference"), dash: "solid" };
+  const place = index - 1;
+  return { color: colour(COLOURS[place % COLOURS.length]), dash: DASHES[Math.floor(place / COLOURS.length) % DASHES.length] };
+}
+
+/** @param {Flight} flight */
+export function lastDay(flight) {
+  return Math.max(...flight.trajectories.map(({ days }) => days[days.length - 1]));
+}
+
+/**
+ * Return all points of a track in a frame.
+ * @param {Track} track
+ * @param {Frame} frame
+ * @returns {Point[]}
+ */
+export function pointsOf(track, frame) {
+  return track.days.map((_, i) => pointOf(track, i, frame));
+}
+
+/**
+ * @param {Track} track
+ * @param {number} i
+ * @param {Frame} frame
+ * @returns {Point}
+ */
+function pointOf(track, i, frame) {
+  if (frame === "rotating") return /** @type {Point} */ (track.rotating_km[i]);
+  const [place, moon] = [track.inertial_km[i], track.moon_km[i]];
+  if (frame === "inertial") return /** @type {Point} */ (place);
+  if (!(distance(place, moon) < MOON_REACH_KM)) return NOWHERE;
+  return /** @type {Point} */ (place.map((value, axis) => value - moon[axis]));
+}
+
+/**
+ * Return where something is on a day, between its samples; nowhere before the first and after the last.
+ * @param {Track} track
+ * @param {number} day
+ * @param {Frame} frame
+ * @returns {Point}
+ */
+export function placeAt(track, day, frame) {
+  const { days } = track;
+  const last = days.length - 1;
+  if (day < days[0] - 1e-9 || day > days[last] + 1e-9) return NOWHERE;
+  const i = Math.max(0, Math.min(last - 1, before(days, day)));
+  const [a, b] = [pointOf(track, i, frame), pointOf(track, i + 1, frame)];
+  const span = days[i + 1] - days[i];
+  const share = span > 0 ? (day - days[i]) / span : 0;
+  if (a[0] === null || b[0] === null) return NOWHERE;
+  return /** @type {Point} */ (a.map((value, axis) => /** @type {number} */ (value) * (1 - share) + /** @type {number} */ (b[axis]) * share));
+}
+
+/**
+ * Return the last place of a sorted list whose value is at most so much.
+ * @param {number[]} sorted
+ * @param {number} value
+ */
+function before(sorted, value) {
+  let [low, high] = [0, sorted.length - 1];
+  while (low < high) {
+    const middle = (low + high + 1) >> 1;
+    if (sorted[middle] <= value) low = middle;
+    else high = middle - 1;
+  }
+  return low;
+}
+
+/**
+ * Return where the spacecraft is on a day: on its trajectory, and after its arrival on the target orbit.
+ * @param {Flight} flight
+ * @param {number} index
+ * @param {number} day
+ * @param {Frame} frame
+ */
+export function spacecraftAt(flight, index, day, frame) {
+  const place = placeAt(flight.trajectories[index], day, frame);
+  const { days } = flight.trajectories[index];
+  return place[0] === null && day > days[days.length - 1] ? placeAt(flight.target, day, frame) : place;
+}
+
+/**
+ * @param {number[]} place
+ * @param {number[]} [from] the Earth's centre if left out
+ */
+export function distance(place, from = [0, 0, 0]) {
+  return Math.hypot(place[0] - from[0], place[1] - from[1], place[2] - from[2]);
+}
+
+/**
+ * Return when an outage begins [days past departure]; null for the reference.
+ * @param {Trajectory} trajectory
+ */
+export function outageOf(trajectory) {
+  const arc = trajectory.arcs.find(({ kind }) => kind === "outage");
+  return arc && trajectory.outage ? { from: trajectory.days[arc.first], days: trajectory.outage.duration_days } : null;
+}
+
+/**
+ * Return the date of a day past departure, in TDB: days have 86 400 s, as in no civil calendar.
+ * @param {{ arrival_epoch: string, time_of_flight_days: number }} record
+ * @param {number} day
+ */
+export function dateOf(record, day) {
+  const arrival = Date.parse(`${record.arrival_epoch}Z`);
+  const moment = new Date(arrival + (day - record.time_of_flight_days) * DAY_MS);
+  return `${moment.toISOString().slice(0, 16).replace("T", " ")}\u00a0TDB`;
+}
+
+/**
+ * Say which outage a realization recovers from.
+ * @param {Trajectory} trajectory
+ */
+export function outageText(trajectory) {
+  const { outage } = trajectory;
+  return outage ? `segment ${outage.segment}, ${number(outage.duration_days, 1, "d")}` : "";
+}

@@ -1,0 +1,95 @@
+// @ts-check
+/** Positions in all frames from those in the inertial one: what a page need not be sent. */
+
+/**
+ * @typedef {import("./flight.js").Flight} Flight
+ * @typedef {import("./flight.js").Track} Track
+ * @typedef {[number[], number[]]} State  position [km] and velocity [km/d]
+ */
+
+/** Mean distance of the Moon, to which the rotating frame is scaled [km]. */
+const MOON_KM = 384_400;
+/** Twelve times the derivative at the first, the middle and the last of five points of a polynomial. */
+const WEIGHTS = { 0: [-25, 48, -36, 16, -3], 2: [1, -8, 0, 8, -1], 4: [3, -16, 36, -48, 25] };
+const LEAST_STEP_DAYS = 0.4;
+
+/**
+ * Return a flight with the Moon and the rotating frame at every sample.
+ * @param {Flight} flight with positions in the inertial frame alone
+ */
+export function completed(flight) {
+  for (const track of [...flight.trajectories, flight.moon]) complete(track, flight.moon.days, flight.moon.inertial_km);
+  complete(flight.target, flight.target.days, flight.target.moon_km);
+  return flight;
+}
+
+/**
+ * @param {Track} track
+ * @param {number[]} days
+ * @param {number[][]} places of the Moon
+ */
+function complete(track, days, places) {
+  const velocities = places.map((_, i) => slope(days, places, i));
+  const states = track.days.map((day) => moonAt(day, days, places, velocities));
+  track.moon_km = states.map(([place]) => place);
+  track.rotating_km = track.inertial_km.map((place, i) => rotated(place, ...states[i]));
+}
+
+/**
+ * Return a velocity, from five evenly spaced samples around the i-th, or to one side of it near an end.
+ * @param {number[]} days
+ * @param {number[][]} places
+ * @param {number} i
+ */
+function slope(days, places, i) {
+  const n = places.length;
+  const h = (days[n - 1] - days[0]) / (n - 1);
+  // Rounded places close to each other would give a velocity of noise.
+  const q = Math.max(1, Math.min(Math.round(LEAST_STEP_DAYS / h), Math.floor((n - 1) / 6)));
+  const side = i < 2 * q ? 0 : i > n - 1 - 2 * q ? 4 : 2;
+  const first = i - side * q;
+  return [0, 1, 2].map((axis) => WEIGHTS[side].reduce((sum, weight, j) => sum + weight * places[first + j * q][axis], 0) / (12 * q * h));
+}
+
+/**
+ * Return where the Moon is: a cubic between two samples, right to a kilometre.
+ * @param {number} day
+ * @param {number[]} days evenly spaced
+ * @param {number[][]} places
+ * @param {number[][]} velocities
+ * @returns {State}
+ */
+function moonAt(day, days, places, velocities) {
+  const last = days.length - 1;
+  const h = (days[last] - days[0]) / last;
+  const i = Math.min(last - 1, Math.max(0, Math.floor((day - days[0]) / h)));
+  const s = Math.min(1, Math.max(0, (day - days[i]) / h));
+  const [a, b, c, d] = [(1 + 2 * s) * (1 - s) ** 2, s * (1 - s) ** 2, s * s * (3 - 2 * s), s * s * (s - 1)];
+  const place = places[i].map((p, k) => a * p + b * h * velocities[i][k] + c * places[i + 1][k] + d * h * velocities[i + 1][k]);
+  const velocity = velocities[i].map((v, k) => (1 - s) * v + s * velocities[i + 1][k]);
+  return [place, velocity];
+}
+
+/**
+ * Return a place with x along the Moon and z along its angular momentum, scaled so that the Moon stays.
+ * @param {number[]} place
+ * @param {number[]} moon
+ * @param {number[]} velocity of the Moon
+ */
+function rotated(place, moon, velocity) {
+  const far = Math.hypot(...moon);
+  const x = moon.map((value) => value / far);
+  const momentum = cross(moon, velocity);
+  const size = Math.hypot(...momentum);
+  const z = momentum.map((value) => value / size);
+  const scale = MOON_KM / far;
+  return [x, cross(z, x), z].map((axis) => scale * (axis[0] * place[0] + axis[1] * place[1] + axis[2] * place[2]));
+}
+
+/**
+ * @param {number[]} a
+ * @param {number[]} b
+ */
+function cross(a, b) {
+  return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+}

@@ -1,0 +1,244 @@
+// @ts-check
+/** The figures of a campaign: how it came to what it has found. */
+
+import { Figure } from "./figure.js";
+import { duration, number } from "./format.js";
+import { OUTCOMES } from "./outcomes.js";
+import { axis } from "./plots.js";
+import { lookOf } from "./strategies.js";
+import { colour } from "./theme.js";
+
+/**
+ * @typedef {{ value: number | null, low: number, high: number }} Ratio
+ * @typedef {{
+ *   strategy: string, n_solves: number, n_paper: number, n_strict: number, paper_ratio: Ratio, strict_ratio: Ratio,
+ *   core_hours: number, steps: { core_hours: number, delta_v_km_s: number, solution_id: string }[],
+ * }} Strategy
+ * @typedef {{
+ *   strategy: string, duration_days: number | null, n_solutions: number, least_km_s: number, lower_quartile_km_s: number,
+ *   median_km_s: number, upper_quartile_km_s: number, greatest_km_s: number, sample_km_s: number[],
+ * }} Box
+ * @typedef {{
+ *   n_solves: number, n_read: number, outcomes: { width_seconds: number } & Record<import("./outcomes.js").Outcome, number[]>,
+ *   strategies: Strategy[], chains: import("./chains.js").Chain[], delta_v: Box[],
+ * }} History
+ */
+
+/** Below this share ratios are drawn on a logarithmic axis. */
+const RARE = 0.01;
+const LEGEND = { orientation: "h", x: 0, y: 1.02, yanchor: "bottom" };
+const UNITS = /** @type {[number, string][]} */ ([[86400, "d"], [3600, "h"], [60, "min"], [1, "s"]]);
+
+/** When the best delta-v of each strategy improved. */
+export class BestSoFar {
+  /** @param {HTMLElement} place */
+  constructor(place) {
+    this.figure = new Figure(place, "Best Δv so far");
+  }
+
+  /** @param {History} history */
+  async show(history) {
+    const found = history.strategies.filter((one) => one.steps.length > 0);
+    if (found.length === 0) return this.figure.empty("No strict solution yet: the first one starts a line here.");
+    const traces = found.map(bestTrace);
+    const x = axis("Core-hours spent by the strategy [h]", { type: "log", exponentformat: "power", dtick: 1 });
+    const [range, isCut] = bestRange(found);
+    const layout = { xaxis: x, yaxis: axis("Best Δv [km/s]", { range }), showlegend: true, hovermode: "closest" };
+    const above = isCut ? `First solutions above ${number(range[1], 2, "km/s")} are not shown. ` : "";
+    await this.figure.show(traces, layout, `${above}Strict solutions; hours of failures are counted, those of the seeds are not. A mark opens its solution.`);
+    this.follow();
+  }
+
+  follow() {
+    const plot = /** @type {any} */ (this.figure.plot);
+    plot.removeAllListeners("plotly_click");
+    plot.on("plotly_click", (/** @type {any} */ event) => {
+      const id = event.points[0]?.customdata;
+      if (id) window.location.assign(`/solutions/${id}`);
+    });
+  }
+}
+
+/**
+ * Return a range in which improvements can be told apart, though the first solutions are far worse.
+ * @param {Strategy[]} found
+ * @returns {[[number, number], boolean]} the range, and whether something lies above it
+ */
+function bestRange(found) {
+  const all = found.flatMap(({ steps }) => steps.map((step) => step.delta_v_km_s)).sort((a, b) => a - b);
+  const [least, greatest] = [all[0], all[all.length - 1]];
+  const usual = all[Math.floor(0.8 * (all.length - 1))];
+  const top = greatest - least > 2.5 * (usual - least) && usual > least ? least + 1.25 * (usual - least) : greatest;
+  const edge = 0.06 * (top - least || 0.1);
+  return [[least - edge, top + edge], top < greatest];
+}
+
+/** @param {Strategy} one */
+function bestTrace(one) {
+  const { color, symbol, dash } = lookOf(one.strategy);
+  const last = one.steps[one.steps.length - 1];
+  return {
+    type: "scatter",
+    mode: "lines+markers",
+    name: one.strategy,
+    x: [...one.steps.map((step) => step.core_hours), one.core_hours],
+    y: [...one.steps.map((step) => step.delta_v_km_s), last.delta_v_km_s],
+    customdata: [...one.steps.map((step) => step.solution_id), last.solution_id],
+    line: { shape: "hv", color, dash, width: 2 },
+    // The line goes on until now without another mark.
+    marker: { symbol, color, size: [...one.steps.map(() => 7), 0] },
+    hovertemplate: `${one.strategy}: %{y:.4f} km/s after %{x:.3g} core-h<extra></extra>`,
+  };
+}
+
+/** How solves ended, over time. */
+export class OutcomeMix {
+  /** @param {HTMLElement} place */
+  constructor(place) {
+    this.figure = new Figure(place, "Outcomes over time");
+  }
+
+  /** @param {History} history */
+  async show({ outcomes }) {
+    const n = outcomes.strict.length;
+    if (n === 0) return this.figure.empty("No guess has been solved yet. If this lasts, look at whether a worker is connected.");
+    const width = outcomes.width_seconds;
+    const [unit, name] = UNITS.find(([seconds]) => n * width >= 2 * seconds) ?? [1, "s"];
+    const x = Array.from({ length: n }, (_, i) => ((i + 0.5) * width) / unit);
+    const shown = OUTCOMES.filter(({ key }) => outcomes[key].some(Boolean));
+    const traces = shown.map(({ key, words, colour: tint }) => ({
+      type: "bar",
+      name: words,
+      x,
+      y: outcomes[key],
+      width: width / unit,
+      marker: { color: colour(tint), line: { width: 0 } },
+      hovertemplate: `%{y} ${words}<extra></extra>`,
+    }));
+    const layout = { barmode: "stack", bargap: 0, xaxis: axis(`Time since the start [${name}]`), yaxis: axis("Solves"), showlegend: true, hovermode: "x", legend: { ...LEGEND, traceorder: "normal" } };
+    await this.figure.show(traces, layout, `Each bar stands for ${width % unit ? duration(width) : number(width / unit, 0, name)}.`);
+  }
+}
+
+/** Which share of the solves of each strategy was feasible. */
+export class Feasibility {
+  /** @param {HTMLElement} place */
+  constructor(place) {
+    this.figure = new Figure(place, "Feasibility by strategy");
+  }
+
+  /** @param {History} history */
+  async show({ strategies }) {
+    if (strategies.length === 0) return this.figure.empty("No guess has been solved yet; each strategy gets a point with its interval.");
+    const isRare = strategies.some(({ strict_ratio: { value } }) => value !== null && value > 0 && value < RARE);
+    const levels = /** @type {const} */ ([["strict", "strict_ratio", -0.14], ["paper", "paper_ratio", 0.14]]);
+    const traces = levels.map(([level, key, shift]) => ratioTrace(strategies, level, (one) => one[key], shift));
+    const ticks = { tickvals: strategies.map((_, i) => i), ticktext: strategies.map(({ strategy }) => strategy) };
+    const x = isRare ? axis("Feasible solves [%]", { type: "log" }) : axis("Feasible solves [%]", { range: [-2, 102] });
+    const layout = { xaxis: x, yaxis: axis("", { ...ticks, range: [strategies.length - 0.5, -0.5], showgrid: false }), showlegend: true };
+    await this.figure.show(traces, layout, "Solves that the independent flight found feasible, with Wilson’s 95 % interval.");
+  }
+}
+
+/**
+ * @param {Strategy[]} strategies
+ * @param {"strict" | "paper"} level
+ * @param {(one: Strategy) => Ratio} ratioOf
+ * @param {number} shift
+ */
+function ratioTrace(strategies, level, ratioOf, shift) {
+  const ratios = strategies.map(ratioOf);
+  const values = ratios.map(({ value }) => 100 * (value ?? 0));
+  const tint = colour(level === "strict" ? "good" : "fair");
+  return {
+    type: "scatter",
+    mode: "markers",
+    name: level === "strict" ? "strict tolerance" : "paper’s tolerance",
+    x: values,
+    y: strategies.map((_, i) => i + shift),
+    error_x: {
+      type: "data",
+      symmetric: false,
+      array: ratios.map(({ high }, i) => 100 * high - values[i]),
+      arrayminus: ratios.map(({ low }, i) => values[i] - 100 * low),
+      color: tint,
+      thickness: 1.5,
+      width: 4,
+    },
+    marker: { color: tint, symbol: level === "strict" ? "circle" : "diamond-open", size: 9, line: { width: 2 } },
+    text: strategies.map((one) => `${one.strategy}: ${number(level === "strict" ? one.n_strict : one.n_paper, 0)} of ${number(one.n_solves, 0)}`),
+    hovertemplate: "%{text}, %{x:.1f} %<extra></extra>",
+  };
+}
+
+/** How good the solutions of each strategy are, by how long outages last. */
+export class Boxes {
+  /** @param {HTMLElement} place */
+  constructor(place) {
+    this.figure = new Figure(place, "Δv by strategy and duration of outages");
+  }
+
+  /** @param {History} history */
+  async show({ delta_v: boxes }) {
+    if (boxes.length === 0) return this.figure.empty("No strict solution yet; each strategy and duration gets a box.");
+    const places = boxPlaces(boxes);
+    const strategies = [...new Set(boxes.map(({ strategy }) => strategy))];
+    const traces = strategies.map((strategy) => boxTrace(strategy, boxes, places));
+    const middle = (/** @type {string} */ strategy) => {
+      const own = places.filter((_, i) => boxes[i].strategy === strategy);
+      return (own[0] + own[own.length - 1]) / 2;
+    };
+    // Where labels would run into each other, the order has to do.
+    const isNarrow = this.figure.plot.clientWidth < 14 * boxes.length + 90;
+    const ticks = { tickvals: places, ticktext: isNarrow ? boxes.map(() => "") : boxes.map(durationText), tickangle: -90, tickfont: { size: 10 }, showgrid: false };
+    const names = strategies.map((strategy) => ({ x: middle(strategy), y: 1, yref: "paper", yanchor: "bottom", text: strategy, showarrow: false, textangle: strategies.length > 5 ? -40 : 0, font: { size: 11 } }));
+    const layout = { xaxis: axis(isNarrow ? "Longer outages to the right" : "Duration of each outage [d]", ticks), yaxis: axis("Δv [km/s]"), annotations: names, margin: { l: 64, r: 24, t: 44, b: 60 } };
+    const shown = boxes.reduce((sum, box) => sum + box.sample_km_s.length, 0);
+    const all = boxes.reduce((sum, box) => sum + box.n_solutions, 0);
+    const points = shown < all ? `${number(shown, 0)} of ${number(all, 0)} solutions are drawn as points, evenly by rank; boxes are of all. ` : "";
+    await this.figure.show(traces, layout, `${points}Boxes from quartile to quartile, whiskers from the least to the greatest; strict solutions.`);
+  }
+}
+
+/**
+ * Return where each box stands: with a gap between strategies.
+ * @param {Box[]} boxes
+ */
+function boxPlaces(boxes) {
+  let place = 0;
+  return boxes.map(({ strategy }, i) => (place += i > 0 ? (boxes[i - 1].strategy === strategy ? 1 : 1.8) : 0));
+}
+
+/** @param {Box} box */
+function durationText({ duration_days: days }) {
+  return days === null ? "mixed" : days === 0 ? "none" : number(days, days % 1 ? 1 : 0);
+}
+
+/**
+ * @param {string} strategy
+ * @param {Box[]} boxes
+ * @param {number[]} places
+ */
+function boxTrace(strategy, boxes, places) {
+  const own = boxes.map((box, i) => ({ box, place: places[i] })).filter(({ box }) => box.strategy === strategy);
+  const { color } = lookOf(strategy);
+  return {
+    type: "box",
+    name: strategy,
+    x: own.map(({ place }) => place),
+    q1: own.map(({ box }) => box.lower_quartile_km_s),
+    median: own.map(({ box }) => box.median_km_s),
+    q3: own.map(({ box }) => box.upper_quartile_km_s),
+    lowerfence: own.map(({ box }) => box.least_km_s),
+    upperfence: own.map(({ box }) => box.greatest_km_s),
+    y: own.map(({ box }) => box.sample_km_s),
+    boxpoints: "all",
+    jitter: 0.6,
+    pointpos: 0,
+    width: 0.7,
+    line: { color, width: 1.5 },
+    fillcolor: "rgba(0,0,0,0)",
+    marker: { color, size: 3, opacity: 0.55 },
+    hoverinfo: "y",
+  };
+}

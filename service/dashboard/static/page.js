@@ -1,0 +1,219 @@
+// @ts-check
+/** What every page does: theme, connection, title, and a view that stays up to date by itself. */
+
+import { ApiError, get } from "./api.js";
+import { byId, el, fill } from "./dom.js";
+import { clock } from "./format.js";
+import { EventStream } from "./live.js";
+import { watchTheme } from "./theme.js";
+
+/** At most one refresh in this time, however many events come [ms]. */
+const REFRESH_MS = 1000;
+/** A page that nobody sees gives its connection back after this time: a browser has six [ms]. */
+const HIDDEN_MS = 60_000;
+
+const CONNECTIONS = { live: "live", connecting: "reconnecting", stopped: "offline" };
+
+/**
+ * @typedef {import("./live.js").Event_} Event_
+ * @typedef {{
+ *   events: string | null,
+ *   refresh: (events: Event_[], isAll: boolean) => Promise<void>,
+ *   redraw?: () => void,
+ * }} View  `events`: path of the stream, or null for a page that does not change;
+ *   `refresh` reads and shows: all of it (isAll), or what the events since the last time are about;
+ *   `redraw` draws all pictures again, in the colours of another theme.
+ */
+
+export class Page {
+  /** @param {View} view */
+  constructor(view) {
+    this.view = view;
+    /** @type {Event_[]} */
+    this.waiting = [];
+    this.wantsAll = true;
+    this.isBusy = false;
+    this.lastHeard = new Date();
+    this.refreshedAt = -Infinity;
+    /** @type {EventStream | undefined} */
+    this.stream = undefined;
+  }
+
+  /** Show the view and keep it up to date. */
+  async start() {
+    watchTheme(() => this.refreshedAt > 0 && this.view.redraw?.());
+    await this.refresh();
+    if (this.view.events === null) return showConnection("still", this.lastHeard);
+    this.follow();
+    document.addEventListener("visibilitychange", () => this.seen());
+  }
+
+  /** Read everything anew, as after a change that this page asked for. */
+  async reload() {
+    this.wantsAll = true;
+    await this.refresh();
+  }
+
+  follow() {
+    const path = /** @type {string} */ (this.view.events);
+    this.stream = new EventStream(path, (event) => this.take(event), (connection) => this.connected(connection));
+  }
+
+  seen() {
+    window.clearTimeout(this.hiding);
+    if (document.hidden) {
+      this.hiding = window.setTimeout(() => {
+        this.stream?.close();
+        this.stream = undefined;
+      }, HIDDEN_MS);
+    } else if (!this.stream) {
+      this.follow();
+      this.take(null);
+    }
+  }
+
+  /** @param {Event_ | null} event */
+  take(event) {
+    if (event === null) this.wantsAll = true;
+    else this.waiting.push(event);
+    this.schedule();
+  }
+
+  /** Refresh at once after a quiet second, else when the second is over; never twice at a time. */
+  schedule() {
+    if (this.isBusy || this.pending !== undefined || !(this.wantsAll || this.waiting.length)) return;
+    const wait = Math.max(0, REFRESH_MS - (performance.now() - this.refreshedAt));
+    this.pending = window.setTimeout(async () => {
+      this.pending = undefined;
+      await this.refresh();
+      this.schedule();
+    }, wait);
+  }
+
+  async refresh() {
+    const [events, isAll] = [this.waiting, this.wantsAll];
+    [this.waiting, this.wantsAll, this.isBusy] = [[], false, true];
+    try {
+      await this.view.refresh(events, isAll);
+      this.lastHeard = new Date();
+      document.body.dataset.refreshed = String(Number(document.body.dataset.refreshed ?? 0) + 1);
+    } catch (error) {
+      if (!(error instanceof ApiError)) throw error;
+      // A silent coordinator is the stream's to report; it asks again when the line is back.
+      if (error.status !== 0) showFault(error.message);
+      this.wantsAll = this.wantsAll || isAll;
+    } finally {
+      this.refreshedAt = performance.now();
+      this.isBusy = false;
+    }
+  }
+
+  /** @param {import("./live.js").Connection} connection */
+  connected(connection) {
+    if (connection === "live") this.lastHeard = new Date();
+    // A stream that is refused does not say why; a question does, and leads to signing in.
+    else get("/session").catch(() => {});
+    showConnection(connection, this.lastHeard);
+  }
+}
+
+/**
+ * @param {import("./live.js").Connection | "still"} connection
+ * @param {Date} lastHeard
+ */
+function showConnection(connection, lastHeard) {
+  const dot = byId("connection");
+  dot.dataset.connection = connection;
+  dot.textContent = connection === "still" ? "" : CONNECTIONS[connection];
+  const notice = byId("notice");
+  notice.hidden = connection !== "stopped";
+  if (connection !== "stopped") return;
+  fill(
+    notice,
+    el("strong", {}, "The coordinator has stopped, or cannot be reached."),
+    ` Below is the last it said, at ${clock(lastHeard)}. Results are safe in its database; this page goes on `,
+    "by itself once ",
+    el("code", {}, "coastarc run"),
+    " or ",
+    el("code", {}, "coastarc serve"),
+    " is running again.",
+  );
+}
+
+/**
+ * Say in the reader's words what the service refused.
+ * @param {string} words
+ */
+export function showFault(words) {
+  const notice = byId("notice");
+  notice.hidden = false;
+  fill(notice, words);
+}
+
+/**
+ * Say what the page is about.
+ * @param {string} words
+ * @param {[string, string][]} [crumbs] titles and addresses of the pages above it
+ */
+export function showTitle(words, crumbs = []) {
+  document.title = `${words} · coastarc`;
+  byId("title").textContent = words;
+  byId("crumbs").hidden = crumbs.length === 0;
+  fill(byId("crumbs"), crumbs.map(([title, href]) => el("a", { href }, title)));
+}
+
+/**
+ * Show the numbers below the title.
+ * @param {[string, import("./dom.js").Child][]} all
+ */
+export function showFacts(all) {
+  fill(byId("facts"), facts(all));
+}
+
+/**
+ * Return names and values as the children of a description list.
+ * @param {[string, import("./dom.js").Child][]} all
+ */
+export function facts(all) {
+  return all.map(([name, value]) => el("div", { class: "fact" }, el("dt", {}, name), el("dd", {}, value)));
+}
+
+/**
+ * Show, in place of the content, why there is none and what to do next; without words, the content.
+ * @param {...(import("./dom.js").Child)} words
+ */
+export function showEmpty(...words) {
+  byId("empty").hidden = words.length === 0;
+  byId("content").hidden = words.length > 0;
+  fill(byId("empty"), words);
+}
+
+/**
+ * Return a part of the address of this page, counted from 0.
+ * @param {number} place
+ */
+export function pathPart(place) {
+  return decodeURIComponent(window.location.pathname.split("/").filter(Boolean)[place] ?? "");
+}
+
+/**
+ * Return a parameter of the address.
+ * @param {string} name
+ */
+export function parameter(name) {
+  return new URLSearchParams(window.location.search).get(name);
+}
+
+/**
+ * Change parameters of the address, so that it can be shared; null takes one away.
+ * @param {Record<string, string | number | boolean | null>} values
+ */
+export function setParameters(values) {
+  const all = new URLSearchParams(window.location.search);
+  for (const [name, value] of Object.entries(values)) {
+    if (value === null || value === "") all.delete(name);
+    else all.set(name, String(value));
+  }
+  const written = all.toString();
+  history.pushState(null, "", window.location.pathname + (written ? `?${written}` : ""));
+}

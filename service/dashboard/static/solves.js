@@ -1,0 +1,132 @@
+// @ts-check
+/** The solves of one search, kept up to date by asking for what has come since. */
+
+import { get } from "./api.js";
+
+/** Solves that the service sends at once; of more, whole chains are drawn evenly. */
+const MOST = 5000;
+/** How often a part that is drawn from all is drawn anew [ms]: what has come since changes the whole of it. */
+const DRAWN_MS = 15_000;
+
+/**
+ * @typedef {{ id: string, search: string, strategy: string, delta_v_km_s: number, time_of_flight_days: number }} Seed
+ * @typedef {{
+ *   id: number, case: number, chain: number, hop: number, move: string | null, width: number | null,
+ *   mapping: string | null, ending: string, status: string, verdict: "strict" | "paper" | null,
+ *   objective_kg: number | null, delta_v_km_s: number | null, violation: number | null, n_iterations: number,
+ *   cpu_seconds: number, solution_id: string | null, seed: string | null,
+ * }} Solve  `seed` is the id of the one that was mapped
+ */
+
+export class Solves {
+  /** @param {string} path of the route */
+  constructor(path) {
+    this.path = path;
+    /** @type {Map<number, Solve>} */
+    this.byId = new Map();
+    /** @type {Map<string, Seed>} */
+    this.seeds = new Map();
+    this.nAll = 0;
+    this.last = 0;
+    this.drawnAt = -Infinity;
+  }
+
+  /** All that are here, in order of case, chain and hop. */
+  get all() {
+    return [...this.byId.values()].sort((a, b) => a.case - b.case || compare(a.seed, b.seed) || a.chain - b.chain || a.hop - b.hop);
+  }
+
+  get isPart() {
+    return this.byId.size < this.nAll;
+  }
+
+  /**
+   * Read what is new, or everything.
+   * @param {boolean} isAll
+   */
+  async refresh(isAll) {
+    if (!isAll && this.isPart && performance.now() - this.drawnAt < DRAWN_MS) return;
+    const after = isAll || this.isPart ? 0 : this.last;
+    const answer = await get(this.path, { after, limit: MOST });
+    if (after === 0) this.forget();
+    this.take(answer);
+    // More have come than are shown at once: from now on they are drawn from all.
+    if (after > 0 && this.nAll > MOST) await this.refresh(true);
+  }
+
+  forget() {
+    this.byId.clear();
+    this.seeds.clear();
+    this.drawnAt = performance.now();
+  }
+
+  /** @param {{ solves: Record<string, any[]>, seeds: Seed[], n_all: number, last: number }} answer */
+  take({ solves, seeds, n_all: nAll, last }) {
+    for (const seed of seeds) this.seeds.set(seed.id, seed);
+    const names = Object.keys(solves);
+    solves.id.forEach((id, i) => {
+      const solve = Object.fromEntries(names.map((name) => [name, solves[name][i]]));
+      solve.seed = seeds.length ? seeds[solve.chain].id : null;
+      this.byId.set(id, /** @type {Solve} */ (solve));
+    });
+    [this.nAll, this.last] = [nAll, last];
+  }
+}
+
+/**
+ * Return how a solve ended, in the five kinds that all pages know.
+ * @param {Solve} solve
+ * @returns {import("./outcomes.js").Outcome}
+ */
+export function outcomeOf(solve) {
+  if (solve.verdict) return solve.verdict;
+  return solve.ending === "timeout" || solve.ending === "numerical" ? solve.ending : "infeasible";
+}
+
+/**
+ * Return what a solve was in its chain.
+ * @param {Solve} solve
+ * @returns {"start" | "accepted" | "rejected" | "restarted" | "mapped"}
+ */
+export function roleOf(solve) {
+  if (solve.move === null) return "mapped";
+  if (solve.move === "restarted") return "restarted";
+  return solve.width === null ? "start" : /** @type {"accepted" | "rejected"} */ (solve.move);
+}
+
+/**
+ * Return solves by chain, or by seed.
+ * @param {Solve[]} solves
+ * @returns {Map<string, Solve[]>}
+ */
+export function byChain(solves) {
+  /** @type {Map<string, Solve[]>} */
+  const chains = new Map();
+  for (const solve of solves) {
+    const key = solve.seed ?? `${solve.case}/${solve.chain}`;
+    const chain = chains.get(key);
+    if (chain) chain.push(solve);
+    else chains.set(key, [solve]);
+  }
+  return chains;
+}
+
+/**
+ * @param {number[]} values
+ * @param {number} share
+ */
+export function quantile(values, share) {
+  if (values.length === 0) return null;
+  const sorted = [...values].sort((a, b) => a - b);
+  const place = share * (sorted.length - 1);
+  const low = Math.floor(place);
+  return sorted[low] + (place - low) * ((sorted[low + 1] ?? sorted[low]) - sorted[low]);
+}
+
+/**
+ * @param {string | null} a
+ * @param {string | null} b
+ */
+function compare(a, b) {
+  return a === b ? 0 : (a ?? "") < (b ?? "") ? -1 : 1;
+}

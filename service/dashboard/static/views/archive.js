@@ -1,0 +1,147 @@
+// @ts-check
+/** The archive: solutions of all campaigns, filtered by the address, as pictures and as a table. */
+
+import { get } from "../api.js";
+import { rangesOf, within, withoutRanges } from "../archive/axes.js";
+import { Choice } from "../archive/choice.js";
+import { Clusters, distance, watchDistance } from "../archive/clusters.js";
+import { Filters, filterOfAddress } from "../archive/filters.js";
+import { Listing } from "../archive/listing.js";
+import { Parallel } from "../archive/parallel.js";
+import { Scatter } from "../archive/scatter.js";
+import { byId, el, fill } from "../dom.js";
+import { number } from "../format.js";
+import { Page, showEmpty, showFacts } from "../page.js";
+
+/**
+ * @typedef {import("../archive/axes.js").Points} Points
+ * @typedef {{ all: Points, chosen: Points, places: number[], ranges: Map<string, [number, number]> }} Seen
+ */
+
+/** Pictures of samples, and clusters, cost the service more than a page of the table: not with every event [ms]. */
+const SLOW_MS = 10_000;
+
+const filters = new Filters(byId("filters"), () => page.reload());
+const choice = new Choice(() => {
+  choice.show();
+  listing.table.draw();
+});
+const listing = new Listing(choice, () => page.reload());
+const scatter = new Scatter(byId("scatter"));
+const parallel = new Parallel(byId("parallel"), (key, bounds) => filters.restrict(key, bounds));
+const clusters = new Clusters();
+let turn = 0;
+let slowAt = -Infinity;
+/** @type {Seen | undefined} */
+let seen;
+
+/**
+ * @param {import("../live.js").Event_[]} events
+ * @param {boolean} isAll
+ */
+async function refresh(events, isAll) {
+  if (!isAll && !events.some(({ kind }) => kind === "solution" || kind === "campaign")) return;
+  const mine = ++turn;
+  const filter = filterOfAddress();
+  const [choices, list] = await Promise.all([get("/solutions/choices", { campaign: filter.campaign }), listing.load(filter)]);
+  // Another filter was chosen meanwhile.
+  if (mine !== turn) return;
+  filters.show(choices);
+  choice.show();
+  list();
+  const isDue = isAll || performance.now() - slowAt > SLOW_MS || (seen && seen.all.n === seen.all.id.length);
+  if (isDue) await refreshPictures(filter, mine);
+  else later();
+}
+
+/** Draw what was put off once it is due. */
+function later() {
+  window.clearTimeout(pending);
+  pending = window.setTimeout(() => page.reload(), SLOW_MS);
+}
+/** @type {number | undefined} */
+let pending;
+
+/**
+ * @param {import("../api.js").Query} filter
+ * @param {number} mine
+ */
+async function refreshPictures(filter, mine) {
+  slowAt = performance.now();
+  const ranges = rangesOf(filter);
+  const [all, found] = await Promise.all([
+    get("/solutions/points", withoutRanges(filter)),
+    get("/solutions/clusters", { ...filter, threshold: distance() }),
+  ]);
+  const isSample = all.n > all.id.length;
+  // Within the ranges there are more points than the sample of all holds.
+  const chosen = isSample && ranges.size ? await get("/solutions/points", filter) : all;
+  if (mine !== turn) return;
+  seen = { all, chosen, ranges, places: within(chosen, ranges) };
+  clusters.show(found);
+  show(filter, found.n);
+  await draw();
+}
+
+/**
+ * @param {import("../api.js").Query} filter
+ * @param {number} n solutions of the filter
+ */
+function show(filter, n) {
+  const isFiltered = Object.keys(filter).length > 0;
+  byId("shown").hidden = n === 0;
+  byId("nothing").hidden = n > 0 || !isFiltered;
+  if (n === 0 && !isFiltered) return showEmpty(...none());
+  showEmpty();
+  fill(
+    byId("nothing"),
+    el("h2", {}, "No solution matches the filter"),
+    el("p", {}, "Widen a range, choose another strategy, or look at all there are."),
+    el("button", { type: "button", class: "primary", onclick: () => filters.clear() }, "Clear all filters"),
+  );
+  byId("count").textContent = n === 1 ? "1 solution" : `${number(n, 0)} solutions`;
+  showFacts(n ? facts(n) : []);
+}
+
+/**
+ * @param {number} n
+ * @returns {[string, string][]}
+ */
+function facts(n) {
+  const { chosen, places } = /** @type {Seen} */ (seen);
+  const least = (/** @type {string} */ key) => places.reduce((best, i) => Math.min(best, chosen[key][i]), Infinity);
+  return [
+    ["Solutions", number(n, 0)],
+    ["Strategies", String(new Set(places.map((i) => chosen.strategy[i])).size)],
+    ["Least Δv", number(least("delta_v_km_s"), 4, "km/s")],
+    ["Least propellant", number(least("propellant_kg"), 1, "kg")],
+    ["Shortest flight", number(least("time_of_flight_days"), 1, "d")],
+  ];
+}
+
+function none() {
+  return [
+    el("h2", {}, "No solution yet"),
+    el("p", {}, "Every verified solution of every campaign is kept here. The first usually comes within minutes of a campaign’s start; it appears by itself."),
+    el("p", {}, el("a", { href: "/" }, "Look at the campaigns"), " or start one:"),
+    el("pre", {}, "coastarc run examples/quick.toml"),
+  ];
+}
+
+async function draw() {
+  if (!seen || seen.places.length === 0) return;
+  const { all, chosen, places, ranges } = seen;
+  parallel.show(all, ranges, sample(all));
+  await scatter.show(chosen, places, sample(chosen));
+}
+
+/** @param {Points} points */
+function sample(points) {
+  const shown = points.id.length;
+  return shown < points.n ? `${number(shown, 0)} of ${number(points.n, 0)} solutions: all extremes, the whole front, and the rest drawn evenly.` : "";
+}
+
+watchDistance(() => page.reload());
+const page = new Page({ events: "/events/stream", refresh, redraw: () => { listing.table.draw(); draw(); } });
+window.addEventListener("popstate", () => page.reload());
+page.start();

@@ -1,0 +1,226 @@
+// @ts-check
+/** One search: what its chains do, or what became of its seeds, and by which laws. */
+
+import { ApiError, get } from "../api.js";
+import { ChainTable } from "../chain_table.js";
+import { byId, el, fill } from "../dom.js";
+import { sampled } from "../figure.js";
+import { duration, NONE, number, outages, percent } from "../format.js";
+import { HopGrid } from "../hop_grid.js";
+import { lawFacts, ReachFigure } from "../hop_laws.js";
+import { ofPlanned, outcomeBar, outcomeList } from "../outcomes.js";
+import { facts, Page, pathPart, showEmpty, showFacts, showTitle } from "../page.js";
+import { searchControls } from "../search_controls.js";
+import { SeedTable, YieldFigure, yieldsOf } from "../seed_yield.js";
+import { DeltaVFigure, TimeFigure, ViolationFigure } from "../solve_figures.js";
+import { outcomeOf, Solves } from "../solves.js";
+
+/**
+ * @typedef {{ source: string, campaign: string | null, order: string | null, limit: number | null, pairing: string, tolerance: string, any_duration: boolean, mapping: string[] }} SeedRules
+ * @typedef {{
+ *   campaign_id: number, campaign: string, campaign_state: string, id: number, name: string, strategy: string, state: string,
+ *   priority: number, weight: number, k: number, seed_k: number | null, hops: number,
+ *   cases: { problem_hash: string, outages: { segment: number, duration_days: number }[] }[],
+ *   budget: { guesses: number | null, core_seconds: number | null, solutions: number | null },
+ *   laws: import("../hop_laws.js").Laws | null, seeds: SeedRules | null, solve_cpu_seconds: number, max_iterations: number | null,
+ *   jobs: { queued: number, running: number, done: number, dead: number, cancelled: number }, n_guesses_planned: number | null,
+ *   n_solves: number, n_paper: number, n_strict: number, cpu_seconds: number, best_solution_id: string | null, best_delta_v_km_s: number | null,
+ * }} Detail
+ */
+
+/** Cases that are linked one by one. */
+const MOST_CASES = 24;
+
+const campaign = pathPart(1);
+const name = pathPart(3);
+const path = `/campaigns/${encodeURIComponent(campaign)}/searches/${encodeURIComponent(name)}`;
+const solves = new Solves(`${path}/hops`);
+/** @type {Detail | undefined} */
+let shown;
+let maySteer = false;
+
+const grid = new HopGrid(byId("hops"));
+const violation = new ViolationFigure(byId("violation"), "Violation");
+const deltaV = new DeltaVFigure(byId("delta-v"), "Δv of feasible solves");
+const time = new TimeFigure(byId("time"), "Time per solve");
+/** @type {ReachFigure | YieldFigure | undefined} */
+let third;
+/** @type {ChainTable | SeedTable | undefined} */
+let rows;
+
+const page = new Page({ events: `/campaigns/${encodeURIComponent(campaign)}/events`, refresh, redraw });
+page.start();
+
+/**
+ * @param {import("../page.js").Event_[]} events
+ * @param {boolean} isAll
+ */
+async function refresh(events, isAll) {
+  if (!isAll && !events.some(({ kind, data }) => kind === "campaign" || data.search === name)) return;
+  if (isAll) maySteer = await steers();
+  try {
+    shown = /** @type {Detail} */ (await get(path));
+  } catch (error) {
+    if (!(error instanceof ApiError) || ![404, 422].includes(error.status)) throw error;
+    return missing(error.message);
+  }
+  await solves.refresh(isAll);
+  showHead(shown);
+  if (shown.n_solves === 0 && shown.state === "waiting") return waits(shown);
+  showEmpty();
+  redraw();
+}
+
+async function steers() {
+  const who = await get("/session").catch(() => null);
+  return ["submitter", "admin"].includes(who?.role);
+}
+
+/** @param {string} words */
+function missing(words) {
+  showTitle("Search not found", [["Campaigns", "/"]]);
+  showEmpty(el("h2", {}, "There is no such search"), el("p", {}, words), el("p", {}, el("a", { href: "/" }, "All campaigns")));
+}
+
+/** @param {Detail} search */
+function waits(search) {
+  const source = search.seeds?.source ?? "";
+  const href = search.seeds?.campaign ? "/" : `/campaigns/${search.campaign_id}/searches/${encodeURIComponent(source)}`;
+  showEmpty(
+    el("h2", {}, "Waiting for seeds"),
+    el("p", {}, "Its seeds come from ", el("a", { href }, search.seeds?.campaign ? `${search.seeds.campaign}/${source}` : source), ", which has to finish first: they are chosen from all that it finds."),
+    el("p", {}, "This page goes on by itself."),
+  );
+}
+
+/** @param {Detail} search */
+function showHead(search) {
+  const about = `/campaigns/${search.campaign_id}`;
+  showTitle(`${search.strategy} · ${search.name}`, [["Campaigns", "/"], [search.campaign, about]]);
+  byId("state").hidden = false;
+  byId("state").dataset.state = search.state;
+  byId("state").textContent = search.campaign_state === "paused" && search.state === "active" ? "active, its campaign is paused" : search.state;
+  fill(byId("actions"), maySteer && ["active", "paused"].includes(search.campaign_state) ? searchControls(search, () => page.reload()) : []);
+  const best = search.best_solution_id;
+  showFacts([
+    ["Best Δv", best ? el("a", { href: `/solutions/${best}` }, number(search.best_delta_v_km_s, 4, "km/s")) : NONE],
+    ["Guesses", ofPlanned(search.n_solves, search.n_guesses_planned)],
+    ["Feasible, strict", search.n_solves ? `${number(search.n_strict, 0)} (${percent(search.n_strict / search.n_solves)})` : NONE],
+    ["Feasible, paper", search.n_solves ? `${number(search.n_paper, 0)} (${percent(search.n_paper / search.n_solves)})` : NONE],
+    ["CPU", duration(search.cpu_seconds)],
+    ["CPU a strict solution", search.n_strict ? number(search.cpu_seconds / search.n_strict, 1, "s") : NONE],
+    ["Weight, priority", `${number(search.weight, 2).replace(/\.?0+$/, "")}, ${search.priority}`],
+  ]);
+}
+
+function redraw() {
+  if (!shown) return;
+  const search = shown;
+  const all = solves.all;
+  const caption = sampled(all.length, solves.nAll, "solves");
+  const hops = search.seeds ? 1 : search.hops;
+  showProgress(search, all);
+  grid.show(all, { isMapped: search.seeds !== null, hops }, caption);
+  showThird(search, all, caption);
+  showRules(search);
+  if (all.length === 0) {
+    for (const figure of [violation, deltaV, time]) figure.empty("No solve yet. The first one appears here when its job is done.");
+    return;
+  }
+  violation.draw(all, hops, caption);
+  deltaV.draw(all, hops, caption);
+  time.draw(all, caption);
+  for (const figure of [violation, deltaV, third]) if (figure) leads(figure);
+}
+
+/**
+ * @param {Detail} search
+ * @param {import("../solves.js").Solve[]} all
+ */
+function showProgress(search, all) {
+  // The rest is counted in what is shown, which is a fair part of all.
+  const rest = search.n_solves - search.n_paper;
+  const failed = all.filter(({ verdict }) => verdict === null);
+  const part = (/** @type {string} */ ending) => (failed.length ? Math.round((rest * failed.filter((solve) => outcomeOf(solve) === ending).length) / failed.length) : 0);
+  const [timeout, numerical] = [part("timeout"), part("numerical")];
+  const counts = { strict: search.n_strict, paper: search.n_paper - search.n_strict, infeasible: Math.max(0, rest - timeout - numerical), timeout, numerical };
+  fill(byId("progress"), outcomeBar(counts, search.n_guesses_planned, `${search.strategy}: guesses solved`), el("ul", { class: "outcomes" }, el("li", { class: "total" }, ofPlanned(search.n_solves, search.n_guesses_planned)), outcomeList(counts)));
+}
+
+/**
+ * @param {Detail} search
+ * @param {import("../solves.js").Solve[]} all
+ * @param {string} caption
+ */
+function showThird(search, all, caption) {
+  if (search.seeds) {
+    third ??= new YieldFigure(byId("reach"), "Yield by seed");
+    rows ??= new SeedTable(byId("rows"));
+    const yields = yieldsOf(solves);
+    /** @type {YieldFigure} */ (third).draw(yields, caption);
+    const n = /** @type {SeedTable} */ (rows).show(yields);
+    byId("rows-title").textContent = "Seeds";
+    byId("rows-note").textContent = n < yields.length ? `the ${n} that gave most, of ${number(yields.length, 0)}` : "";
+  } else if (search.laws) {
+    third ??= new ReachFigure(byId("reach"), search.laws.adaptive ? "Step size" : "Reach of a hop");
+    rows ??= new ChainTable(byId("rows"));
+    /** @type {ReachFigure} */ (third).draw(all, search.laws, search.hops, caption);
+    const [n, of] = /** @type {ChainTable} */ (rows).show(all);
+    byId("rows-note").textContent = n < of ? `the best ${n} of ${number(of, 0)}` : "";
+  }
+}
+
+/** @param {Detail} search */
+function showRules(search) {
+  const { budget, jobs } = search;
+  const budgets = [
+    budget.guesses === null ? "" : number(budget.guesses, 0, "guesses"),
+    budget.core_seconds === null ? "" : `${duration(budget.core_seconds)} of CPU`,
+    budget.solutions === null ? "" : number(budget.solutions, 0, "solutions"),
+  ].filter(Boolean);
+  const caps = `${number(search.solve_cpu_seconds * (1 + search.k), 0, "s")} of CPU${search.max_iterations === null ? "" : `, ${number(search.max_iterations, 0, "iterations")}`}`;
+  fill(
+    byId("laws"),
+    facts([
+      ...(search.laws ? lawFacts(search.laws, search.hops) : seedFacts(search)),
+      ["Budget", budgets.join(" or ") || "all of its seeds"],
+      ["Cap of a solve", caps],
+    ]),
+  );
+  fill(byId("jobs"), facts([["Waiting", number(jobs.queued, 0)], ["Running", number(jobs.running, 0)], ["Done", number(jobs.done, 0)], ["Dead", jobs.dead ? el("a", { href: `/workers?campaign=${search.campaign_id}&state=dead` }, number(jobs.dead, 0)) : "0"], ["Cancelled", number(jobs.cancelled, 0)]]));
+  byId("jobs-link").setAttribute("href", `/workers?campaign=${search.campaign_id}`);
+  const links = search.cases.slice(0, MOST_CASES).map((one, i) => el("a", { href: `/problems/${one.problem_hash}` }, `${i + 1}: ${outages(one.outages)}`));
+  const more = search.cases.length - links.length;
+  fill(byId("cases"), links, more > 0 && el("span", { class: "muted" }, `and ${number(more, 0)} more`));
+}
+
+/**
+ * @param {Detail} search
+ * @returns {[string, import("../dom.js").Child][]}
+ */
+function seedFacts(search) {
+  const rules = /** @type {SeedRules} */ (search.seeds);
+  const href = rules.campaign ? "/" : `/campaigns/${search.campaign_id}/searches/${encodeURIComponent(rules.source)}`;
+  const limit = rules.limit === null ? "all of them" : `at most ${number(rules.limit, 0)}`;
+  return [
+    ["Seeds from", el("a", { href }, rules.campaign ? `${rules.campaign}/${rules.source}` : rules.source)],
+    ["Mapping", rules.mapping.join(", ")],
+    ["Which seeds", rules.order ? `${limit}, in order of ${rules.order.replaceAll("_", " ")}` : limit],
+    ["For which cases", { every: "every seed for every case", "round-robin": "each seed for one case in turn", contained: "the cases that hold its outages" }[rules.pairing] ?? rules.pairing],
+    ["Good enough", rules.tolerance],
+    ["Outages of another duration", rules.any_duration ? "yes" : "no"],
+  ];
+}
+
+/**
+ * Let a mark of a figure lead to its solution.
+ * @param {import("../figure.js").Figure} figure
+ */
+function leads(figure) {
+  const plot = /** @type {any} */ (figure.plot);
+  if (plot.dataset.leads || typeof plot.on !== "function") return;
+  plot.dataset.leads = "yes";
+  plot.on("plotly_click", (/** @type {{ points: { customdata?: string }[] }} */ { points }) => {
+    if (points[0]?.customdata) window.location.assign(`/solutions/${points[0].customdata}`);
+  });
+}

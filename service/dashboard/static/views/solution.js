@@ -1,0 +1,116 @@
+// @ts-check
+/** One solution: its flight, its defects, where it came from, and how to find it again. */
+
+import { ApiError, get } from "../api.js";
+import { DefectFigure, showDefectTable } from "../defects.js";
+import { byId, el, fill } from "../dom.js";
+import { dateOf } from "../flight.js";
+import { FlightView } from "../flight_view.js";
+import { epoch, number, outages, shortId } from "../format.js";
+import { LineageFigure } from "../lineage.js";
+import { Page, facts, pathPart, showEmpty, showFacts, showTitle } from "../page.js";
+import { showDownloads, showReproduction } from "../reproduction.js";
+
+const id = pathPart(1);
+const flight = new FlightView();
+const lineage = new LineageFigure(byId("lineage"));
+const defects = new DefectFigure(byId("defect-figure"));
+/** @type {any} */
+let record;
+/** @type {Promise<void>} */
+let flying = Promise.resolve();
+
+/**
+ * @param {import("../live.js").Event_[]} events
+ * @param {boolean} isAll
+ */
+async function refresh(events, isAll) {
+  if (!record) {
+    const [found, known] = await Promise.all([read(`/solutions/${id}`), read(`/solutions/${id}/lineage`)]);
+    if (!found || !known) return showEmpty(...unknown());
+    record = found;
+    showRecord();
+    lineage.show(known);
+    showReproduction(byId("reproduction"), record, known.command);
+    performance.mark("solution-shown");
+    // Its picture takes seconds on a slow machine; the rest of the page does not wait for it.
+    flying = flight.load(id, (day) => dateOf(record, day));
+  } else if (isAll || events.some(({ kind }) => kind === "solution")) {
+    lineage.show(await get(`/solutions/${id}/lineage`));
+  }
+}
+
+/** @param {string} path */
+async function read(path) {
+  try {
+    return await get(path);
+  } catch (error) {
+    // An id that nothing has, or that is none.
+    if (error instanceof ApiError && (error.status === 404 || error.status === 422)) return null;
+    throw error;
+  }
+}
+
+function unknown() {
+  return [
+    el("h2", {}, "No such solution"),
+    el("p", {}, "No solution of this archive has the id ", el("code", {}, id), ". All there are stand in the ", el("a", { href: "/archive" }, "archive"), "."),
+  ];
+}
+
+function showRecord() {
+  const { strategy } = record;
+  showTitle(`${strategy}, ${outages(record.outages)}`, [["Archive", "/archive"], [`Campaign ${record.campaign_id}`, `/campaigns/${record.campaign_id}`]]);
+  fill(byId("verdict"), ...verdict());
+  showFacts([
+    ["Δv of the transfer", number(record.delta_v_km_s, 4, "km/s")],
+    ["Δv with the spiral", number(record.delta_v_total_km_s, 4, "km/s")],
+    ["Propellant", number(record.propellant_kg, 1, "kg")],
+    ["Final mass", number(record.objective_kg, 1, "kg")],
+    ["Time of flight", number(record.time_of_flight_days, 2, "d")],
+    ["Coast, thrust, coast", `${[record.initial_coast_days, record.shooting_days, record.final_coast_days].map((d) => number(d, 1)).join(" + ")}\u00a0d`],
+    ["Insertion", epoch(record.insertion_epoch)],
+    ["Arrival", epoch(record.arrival_epoch)],
+  ]);
+  fill(byId("origin"), facts(origin()));
+  showDefectTable(byId("defect-table"), record);
+  defects.show(record);
+  showDownloads(byId("downloads"), record);
+}
+
+function verdict() {
+  const [kind, words] = record.strict ? ["strict", "strict"] : record.paper ? ["paper", "paper only"] : ["none", "not verified"];
+  return [el("span", { class: "pill", "data-verdict": kind }, words), el("code", { id: "solution-id", title: record.id }, shortId(record.id))];
+}
+
+/** @returns {[string, import("../dom.js").Child][]} */
+function origin() {
+  const search = `/campaigns/${record.campaign_id}/searches/${encodeURIComponent(record.search)}`;
+  return [
+    ["Problem", el("a", { href: `/problems/${record.problem_hash}` }, `P${subscript(record.k)} ${shortId(record.problem_hash)}`)],
+    ["Search", el("a", { href: search }, record.search)],
+    ["Seed", record.seed_id ? el("a", { href: `/solutions/${record.seed_id}` }, shortId(record.seed_id)) : "none: drawn at random"],
+    ["Mapping", record.mapping ?? "–"],
+    ["Solver", record.status.toLowerCase().replaceAll("_", " ")],
+    ["Iterations", number(record.n_iterations, 0)],
+    ["Evaluations", number(record.n_evaluations, 0)],
+    ["Processor time", number(record.cpu_seconds, 1, "s")],
+    ["Verifier", String(record.verification.integrator ?? "–").replace("scipy.integrate.", "SciPy, ")],
+    ["Random key", el("code", {}, record.rng_key)],
+    ["Code", el("code", {}, record.code_version)],
+    ["Host", record.host],
+  ];
+}
+
+/** @param {number} k */
+function subscript(k) {
+  return String(k).replace(/\d/g, (digit) => "₀₁₂₃₄₅₆₇₈₉"[Number(digit)]);
+}
+
+function redraw() {
+  lineage.figure.draw();
+  defects.figure.draw();
+  flying = flying.then(() => flight.draw());
+}
+
+new Page({ events: "/events/stream", refresh, redraw }).start();

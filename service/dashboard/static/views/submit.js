@@ -1,0 +1,190 @@
+// @ts-check
+/** A new campaign: its specification written or uploaded, checked as one types, and submitted. */
+
+import { ApiError, get, post } from "../api.js";
+import { byId, el, fill } from "../dom.js";
+import { Editor } from "../editor.js";
+import { duration, NONE, number } from "../format.js";
+import { facts, Page, parameter, showEmpty, showTitle } from "../page.js";
+
+/** A check begins this long after the last key [ms]. */
+const QUIET_MS = 350;
+const OWN = "own";
+
+/**
+ * @typedef {{ id: string, strategy: string, n_cases: number, n_guesses_most: number | null, core_hours_most: number | null, seeds_from: string | null }} Planned
+ * @typedef {{ name: string, rng_seed: number, n_segments: number, searches: Planned[], n_cases: number, n_guesses_most: number | null, core_hours_most: number | null }} Plan
+ * @typedef {{ faults: import("../editor.js").Fault[], fields: object | null, plan: Plan | null }} Check
+ */
+
+const editor = new Editor(later);
+/** @type {Map<string, string>} */
+const texts = new Map();
+/** @type {object | null} */
+let fields = null;
+/** One key for each text that was checked: sent twice, it is one campaign. */
+let key = "";
+let nCheck = 0;
+/** @type {number | undefined} */
+let pending;
+
+new Page({ events: null, refresh: start }).start();
+
+async function start() {
+  showTitle("New campaign", [["Campaigns", "/"]]);
+  const { items } = await get("/specs/templates");
+  for (const { name, toml } of items) texts.set(name, toml);
+  const clone = parameter("clone");
+  if (clone !== null && !(await readClone(clone))) return;
+  offer(clone);
+  byId("template").addEventListener("change", () => begin(/** @type {HTMLSelectElement} */ (byId("template")).value));
+  byId("file").addEventListener("change", upload);
+  byId("form").addEventListener("submit", submit);
+  byId("spec").addEventListener("keydown", keys);
+  begin(clone === null ? items[0].name : OWN);
+}
+
+/** @param {string} clone */
+async function readClone(clone) {
+  try {
+    const { toml, name } = await get(`/campaigns/${encodeURIComponent(clone)}/spec`);
+    texts.set(OWN, `# A copy of campaign ${clone}, “${name}”. The same rng_seed draws the same guesses.\n${renamed(toml, name)}`);
+    return true;
+  } catch (error) {
+    if (!(error instanceof ApiError)) throw error;
+    showEmpty(el("p", {}, error.message), el("p", {}, el("a", { href: "/campaigns/new" }, "Begin with a template")));
+    return false;
+  }
+}
+
+/**
+ * Give a copy a name of its own: the same specification would be the same campaign.
+ * @param {string} toml
+ * @param {string} name
+ */
+function renamed(toml, name) {
+  const numbered = / (\d+)$/.exec(name);
+  const next = numbered ? name.slice(0, numbered.index) + ` ${Number(numbered[1]) + 1}` : `${name.slice(0, 78)} 2`;
+  return toml.replace(`name = ${JSON.stringify(name)}`, `name = ${JSON.stringify(next)}`);
+}
+
+/** @param {string | null} clone */
+function offer(clone) {
+  const own = texts.has(OWN) ? [el("option", { value: OWN }, `campaign ${clone}`)] : [];
+  const names = [...texts.keys()].filter((name) => name !== OWN);
+  fill(byId("template"), own, names.map((name) => el("option", { value: name }, `${name}.toml`)));
+}
+
+/** @param {string} name */
+function begin(name) {
+  editor.write(texts.get(name) ?? "");
+  check();
+}
+
+async function upload() {
+  const input = /** @type {HTMLInputElement} */ (byId("file"));
+  const file = input.files?.[0];
+  if (!file) return;
+  editor.write(await file.text());
+  input.value = "";
+  await check();
+}
+
+/** Tab writes two spaces, as in a program's editor; after Escape it goes on to the next control.
+ * @param {KeyboardEvent} event
+ */
+function keys(event) {
+  if (event.key === "Escape") byId("editor").dataset.leaves = "true";
+  else if (event.key === "Tab" && !event.shiftKey && byId("editor").dataset.leaves !== "true") {
+    event.preventDefault();
+    editor.area.setRangeText("  ", editor.area.selectionStart, editor.area.selectionEnd, "end");
+    editor.area.dispatchEvent(new Event("input"));
+  } else delete byId("editor").dataset.leaves;
+}
+
+function later() {
+  window.clearTimeout(pending);
+  allow(null);
+  pending = window.setTimeout(check, QUIET_MS);
+}
+
+async function check() {
+  const n = ++nCheck;
+  try {
+    const found = /** @type {Check} */ (await post("/specs/check", { text: editor.text }));
+    // An answer about an older text comes too late.
+    if (n === nCheck) showCheck(found);
+  } catch (error) {
+    if (!(error instanceof ApiError)) throw error;
+    refuse(error.message);
+  }
+}
+
+/** @param {Check} found */
+function showCheck({ faults, fields: found, plan }) {
+  byId("refused").hidden = true;
+  byId("form").dataset.faults = String(faults.length);
+  editor.mark(faults);
+  allow(found);
+  byId("verdict").textContent = plan ? "What will be run" : faults.length === 1 ? "One thing to mend" : `${faults.length} things to mend`;
+  fill(byId("said"), plan ? planned(plan) : listed(faults));
+}
+
+/** @param {object | null} found */
+function allow(found) {
+  fields = found;
+  key = found === null ? "" : newKey();
+  byId("submit").toggleAttribute("disabled", found === null);
+}
+
+function newKey() {
+  // randomUUID is there on https and loopback alone.
+  return [...crypto.getRandomValues(new Uint8Array(16))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
+}
+
+/** @param {import("../editor.js").Fault[]} faults */
+function listed(faults) {
+  return el(
+    "ul",
+    { class: "faults" },
+    faults.map(({ path, line, message }) => {
+      const where = line === null ? "whole text" : `line ${line}`;
+      const place = line === null ? where : el("button", { type: "button", class: "link", onclick: () => editor.goTo(line) }, where);
+      return el("li", { "data-path": path }, place, path && el("code", {}, path), el("span", {}, message));
+    }),
+  );
+}
+
+/** @param {Plan} plan */
+function planned(plan) {
+  const most = (/** @type {number | null} */ n) => (n === null ? "open" : number(n, 0));
+  const hours = (/** @type {number | null} */ n) => (n === null ? NONE : duration(3600 * n));
+  const sums = facts([["Name", plan.name], ["rng_seed", String(plan.rng_seed)], ["Segments", number(plan.n_segments, 0)], ["Searches", number(plan.searches.length, 0)], ["Cases", number(plan.n_cases, 0)], ["Guesses, at most", most(plan.n_guesses_most)], ["CPU, at most", hours(plan.core_hours_most)]]);
+  const head = [["Search", ""], ["Cases", "number"], ["Guesses", "number"], ["CPU", "number minor"], ["Seeds", "minor"]];
+  const rows = plan.searches.map((one) =>
+    el("tr", {}, el("th", { scope: "row" }, one.strategy, el("span", { class: "muted name" }, ` ${one.id}`)), el("td", { class: "number" }, number(one.n_cases, 0)), el("td", { class: "number" }, `${one.seeds_from && one.n_guesses_most !== null ? "≤ " : ""}${most(one.n_guesses_most)}`), el("td", { class: "number minor" }, one.core_hours_most === null ? NONE : `≤ ${hours(one.core_hours_most)}`), el("td", { class: "minor" }, one.seeds_from ?? NONE)),
+  );
+  const table = el("table", {}, el("caption", { class: "visually-hidden" }, "Searches"), el("thead", {}, el("tr", {}, head.map(([words, kind]) => el("th", { scope: "col", class: kind || null }, words)))), el("tbody", {}, rows));
+  return [el("dl", { class: "facts" }, sums), el("div", { class: "scroll" }, table)];
+}
+
+/** @param {string} words */
+function refuse(words) {
+  byId("refused").hidden = false;
+  byId("refused").textContent = words;
+}
+
+/** @param {Event} event */
+async function submit(event) {
+  event.preventDefault();
+  if (fields === null) return;
+  byId("submit").toggleAttribute("disabled", true);
+  try {
+    const { id } = await post("/campaigns", fields, { "Idempotency-Key": key });
+    window.location.assign(`/campaigns/${id}`);
+  } catch (error) {
+    if (!(error instanceof ApiError)) throw error;
+    refuse(error.message);
+    byId("submit").toggleAttribute("disabled", false);
+  }
+}

@@ -1,0 +1,193 @@
+// @ts-check
+/** Workers and jobs: who is connected, what each does and did, what waits, and what went wrong. */
+
+import { get, post } from "../api.js";
+import { Attempts } from "../attempts.js";
+import { confirm } from "../dialog.js";
+import { byId, el, fill } from "../dom.js";
+import { duration, NONE, number } from "../format.js";
+import { Gantt } from "../gantt.js";
+import { JobTable } from "../job_table.js";
+import { Page, parameter, setParameters, showFacts } from "../page.js";
+import { Table } from "../table.js";
+import { WorkerTable } from "../worker_table.js";
+
+/**
+ * @typedef {{ queued: number, running: number, done: number, dead: number, cancelled: number }} Counts
+ * @typedef {{ campaign_id: number, name: string, state: string, jobs: Counts }} QueueItem
+ * @typedef {{
+ *   at: string, lease_s: number, heartbeat_s: number, jobs: Counts, oldest_job_id: number | null, oldest_queued_at: string | null,
+ *   campaigns: QueueItem[],
+ * }} Queue
+ */
+
+/** Leases and needs change without an event: they are looked at so often [ms]. */
+const LOOK_MS = 5000;
+const WINDOWS = /** @type {[string, number][]} */ ([["15 min", 900], ["1 h", 3600], ["6 h", 21_600]]);
+const STATES = /** @type {[import("../job_table.js").State, string][]} */ ([["running", "Running"], ["queued", "Waiting"], ["dead", "Dead"]]);
+const MOST_GONE = 20;
+
+const gone = /** @type {HTMLInputElement} */ (byId("gone"));
+const chosen = /** @type {HTMLSelectElement} */ (byId("campaign"));
+/** @type {import("../worker_table.js").Worker[]} */
+let workers = [];
+/** @type {Queue | undefined} */
+let queue;
+/** @type {{ name: string, role: string } | null} */
+let who = null;
+
+const attempts = new Attempts(windowOf());
+const gantt = new Gantt(byId("gantt"));
+const workerTable = new WorkerTable(byId("workers"));
+const page = new Page({ events: "/events/stream", refresh, redraw: () => gantt.redraw() });
+const jobTable = new JobTable(byId("jobs"), byId("more"), () => page.reload());
+const queueTable = /** @type {Table<QueueItem>} */ (
+  new Table(
+    byId("queue"),
+    "Jobs that wait, run or were given up, by campaign",
+    [
+      { key: "name", title: "Campaign", cell: (item) => item.name },
+      { key: "state", title: "State", minor: true, cell: (item) => el("span", { class: "pill", "data-state": item.state }, item.state) },
+      { key: "queued", title: "Waiting", numeric: true, cell: (item) => number(item.jobs.queued, 0) },
+      { key: "running", title: "Running", numeric: true, cell: (item) => number(item.jobs.running, 0) },
+      { key: "dead", title: "Dead", numeric: true, cell: (item) => number(item.jobs.dead, 0) },
+      { key: "do", title: "", cell: (item) => maySteer() && item.jobs.dead > 0 && item.state !== "cancelled" && el("button", { type: "button", "data-does": `requeue-${item.campaign_id}`, onclick: () => askRequeueAll(item) }, "Requeue all dead") },
+    ],
+    { id: (item) => String(item.campaign_id), href: (item) => `/campaigns/${item.campaign_id}` },
+  )
+);
+
+gone.addEventListener("change", showWorkers);
+chosen.addEventListener("change", () => choose({ campaign: chosen.value || null }));
+window.addEventListener("popstate", () => page.reload());
+window.setInterval(() => document.hidden || page.take(null), LOOK_MS);
+page.start();
+
+async function refresh() {
+  who ??= await get("/session").catch(() => null);
+  const [found, waiting] = await Promise.all([get("/workers"), get("/queue")]);
+  [workers, queue] = [found.items, waiting];
+  const now = Date.parse(waiting.at);
+  if (attempts.seconds !== windowOf()) attempts.setWindow(windowOf());
+  jobTable.maySteer = maySteer();
+  jobTable.leaseS = waiting.lease_s;
+  jobTable.choose(stateOf(), parameter("campaign"));
+  const [, n] = await Promise.all([attempts.refresh(now), jobTable.refresh(now)]);
+  showNumbers(waiting, now);
+  showWorkers();
+  gantt.show(attempts, now);
+  showChoices(waiting, n);
+  queueTable.show(waiting.campaigns);
+  byId("queue").hidden = waiting.campaigns.length === 0;
+  byId("queue-note").hidden = waiting.campaigns.length > 0;
+}
+
+function maySteer() {
+  return ["submitter", "admin"].includes(who?.role ?? "");
+}
+
+/** @returns {import("../job_table.js").State} */
+function stateOf() {
+  return STATES.find(([state]) => state === parameter("state"))?.[0] ?? (queue && !queue.jobs.running && queue.jobs.dead ? "dead" : "running");
+}
+
+function windowOf() {
+  return WINDOWS.find(([, seconds]) => String(seconds) === parameter("window"))?.[1] ?? WINDOWS[0][1];
+}
+
+/** @param {Record<string, string | number | null>} values */
+async function choose(values) {
+  setParameters(values);
+  await page.reload();
+}
+
+/**
+ * @param {Queue} waiting
+ * @param {number} now
+ */
+function showNumbers(waiting, now) {
+  const alive = workers.filter((worker) => worker.is_alive);
+  const sum = (/** @type {(worker: import("../worker_table.js").Worker) => number | null} */ value) => alive.reduce((all, worker) => all + (value(worker) ?? 0), 0);
+  const isMeasured = alive.some((worker) => worker.cpu_cores !== null);
+  const { jobs } = waiting;
+  showFacts([
+    ["Workers connected", number(alive.length, 0)],
+    ["Slots in use", `${number(sum((worker) => worker.held.length), 0)} of ${number(sum((worker) => worker.slots), 0)}`],
+    ["CPU", isMeasured ? number(sum((worker) => worker.cpu_cores), 2, "cores") : NONE],
+    ["Memory", isMeasured ? number(sum((worker) => worker.memory_bytes) / 2 ** 30, 2, "GiB") : NONE],
+    ["Jobs waiting", number(jobs.queued, 0)],
+    ["Longest wait", waiting.oldest_queued_at ? duration((now - Date.parse(waiting.oldest_queued_at)) / 1000) : NONE],
+    ["Dead jobs", number(jobs.dead, 0)],
+    ["Done", number(jobs.done, 0)],
+  ]);
+}
+
+function showWorkers() {
+  const now = Date.parse(queue?.at ?? "");
+  const away = workers.filter((worker) => !worker.is_alive);
+  const alive = workers.filter((worker) => worker.is_alive);
+  byId("gone-label").hidden = away.length === 0;
+  byId("gone-words").textContent = `show ${number(Math.min(away.length, MOST_GONE), 0)} that ${away.length === 1 ? "is" : "are"} gone`;
+  workerTable.show([...alive, ...(gone.checked ? away.slice(0, MOST_GONE) : [])], now);
+  byId("workers").hidden = alive.length === 0 && !gone.checked;
+  byId("workers-card").hidden = workers.length === 0;
+  byId("no-worker").hidden = alive.length > 0;
+  if (alive.length === 0) fill(byId("no-worker"), ...invitation());
+}
+
+/** Say how to connect a worker, with a token where one is needed. */
+function invitation() {
+  const waits = queue?.jobs.queued ?? 0;
+  const command = `coastarc dispatch --url ${window.location.origin} --workers 2`;
+  const needsToken = who !== null && who.name !== "loopback";
+  return [
+    el("h2", {}, "No worker is connected"),
+    el("p", {}, waits ? `${number(waits, 0)} ${waits === 1 ? "job waits" : "jobs wait"} for one. Start it here or on another machine:` : "Nothing can be worked on. Start a worker here or on another machine:"),
+    el("pre", {}, needsToken ? `${command} --token-file worker.token` : command),
+    ...(needsToken
+      ? [el("p", {}, "This coordinator asks for a token of the role worker. An administrator makes one:"), el("pre", {}, `coastarc token create my-worker --role worker --out worker.token --url ${window.location.origin}`)]
+      : []),
+  ];
+}
+
+/**
+ * @param {Queue} waiting
+ * @param {number} n jobs that are shown
+ */
+function showChoices(waiting, n) {
+  const campaign = parameter("campaign");
+  const state = stateOf();
+  const named = waiting.campaigns.map(({ campaign_id: id, name }) => [String(id), name]);
+  if (campaign && !named.some(([id]) => id === campaign)) named.push([campaign, `campaign ${campaign}`]);
+  const options = [["", "all campaigns"], ...named];
+  if (document.activeElement !== chosen) fill(chosen, options.map(([value, name]) => el("option", { value, selected: value === (campaign ?? "") }, name)));
+  const counts = campaign ? (waiting.campaigns.find(({ campaign_id: id }) => String(id) === campaign)?.jobs ?? null) : waiting.jobs;
+  tabs("states", STATES.map(([name, words]) => [name, `${words} ${number(counts?.[name] ?? 0, 0)}`]), state, (name) => choose({ state: name }));
+  tabs("windows", WINDOWS.map(([words, seconds]) => [String(seconds), words]), String(windowOf()), (seconds) => choose({ window: seconds }));
+  const none = { running: "Nothing runs.", queued: "Nothing waits.", dead: "No job was given up." };
+  byId("jobs-note").hidden = n > 0;
+  byId("jobs-note").textContent = none[state];
+  byId("jobs").hidden = n === 0;
+}
+
+/**
+ * @param {string} place
+ * @param {[string, string][]} entries
+ * @param {string} current
+ * @param {(name: string) => void} press
+ */
+function tabs(place, entries, current, press) {
+  const key = byId(place).contains(document.activeElement) ? document.activeElement?.getAttribute("data-key") : null;
+  fill(byId(place), entries.map(([name, words]) => el("button", { type: "button", "data-key": name, "aria-pressed": String(name === current), onclick: () => press(name) }, words)));
+  if (key) /** @type {HTMLElement | null} */ (byId(place).querySelector(`[data-key="${key}"]`))?.focus();
+}
+
+/** @param {QueueItem} item */
+function askRequeueAll(item) {
+  const n = number(item.jobs.dead, 0);
+  const words = [el("p", {}, `${n} dead ${item.jobs.dead === 1 ? "job gets" : "jobs get"} another attempt with a clean record; searches that were done open again for them.`)];
+  confirm(`Requeue all dead jobs of “${item.name}”?`, words, "Requeue them", async () => {
+    await post(`/campaigns/${item.campaign_id}/requeue`);
+    await page.reload();
+  });
+}

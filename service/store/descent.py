@@ -1,0 +1,126 @@
+"""What became of a solution as a seed, and the job that found it."""
+
+from typing import Any
+
+from sqlalchemy import BindParameter, Select, bindparam, func, select
+from sqlalchemy.orm import Session
+
+from service.api.lineage_schemas import Child, LineageGraph, Reproduction
+from service.db.tables import (
+    AttemptRow,
+    CampaignRow,
+    CaseRow,
+    JobRow,
+    ProblemRow,
+    ProvenanceRow,
+    SearchRow,
+    SolutionRow,
+    SolveRow,
+)
+from service.store import records
+from service.store.claims import Turn, message_of, seeds_of
+from service.store.errors import UnknownRow
+from workers.job import HopJob
+
+_SEED: BindParameter[str] = bindparam("seed")
+_FINDERS = select(SolveRow.search_id).where(SolveRow.solution_id == _SEED)
+# Jobs of a seed are found by their addresses, whose chain is the seed: an index on seeds is not needed.
+_MAPPED = (
+    (CaseRow.search_id == SearchRow.id)
+    & (JobRow.search_id == CaseRow.search_id)
+    & (JobRow.kind == "map")
+    & (JobRow.case_index == CaseRow.position)
+    & (JobRow.chain == _SEED)
+)
+_SOLVES = (
+    select()
+    .select_from(SearchRow)
+    .join(CaseRow, CaseRow.search_id == SearchRow.id)
+    .join(JobRow, _MAPPED)
+    .join(SolveRow, SolveRow.job_id == JobRow.id)
+    .where(SearchRow.source_id.in_(_FINDERS))
+)
+_N_MAPPED = _SOLVES.add_columns(func.count())
+_CHILDREN = (
+    _SOLVES.add_columns(
+        SolutionRow.id,
+        SolutionRow.objective_kg,
+        SolutionRow.delta_v_km_s,
+        SolutionRow.strict,
+        ProblemRow.k,
+        JobRow.mapping,
+        func.min(SearchRow.name).label("search"),
+        func.min(SearchRow.strategy).label("strategy"),
+    )
+    .join(SolutionRow, SolutionRow.id == SolveRow.solution_id)
+    .join(ProblemRow, ProblemRow.hash == SolutionRow.problem_hash)
+    .where(SolutionRow.id != _SEED)
+    .group_by(
+        SolutionRow.id,
+        SolutionRow.objective_kg,
+        SolutionRow.delta_v_km_s,
+        SolutionRow.strict,
+        ProblemRow.k,
+        JobRow.mapping,
+    )
+)
+_IS_OF_ATTEMPT = (AttemptRow.job_id == SolveRow.job_id) & (AttemptRow.attempt == SolveRow.attempt)
+_FIRST_FOUND = (
+    select(SolutionRow, SolveRow, JobRow, SearchRow, CampaignRow, ProvenanceRow)
+    .join(SolveRow, SolveRow.solution_id == SolutionRow.id)
+    .join(JobRow, JobRow.id == SolveRow.job_id)
+    .join(SearchRow, SearchRow.id == SolveRow.search_id)
+    .join(CampaignRow, CampaignRow.id == SearchRow.campaign_id)
+    .join(AttemptRow, _IS_OF_ATTEMPT)
+    .join(ProvenanceRow, ProvenanceRow.hash == AttemptRow.provenance_hash)
+    .where(SolutionRow.id == bindparam("solution"))
+    .order_by(SolveRow.id)
+    .limit(1)
+)
+#: Fields of provenance that a reproduction is compared by.
+FROM_PROVENANCE = ("code_version", "python_version", "package_versions", "kernel_hashes", "host")
+
+
+def graph(session: Session, solution_id: str, most: int) -> LineageGraph:
+    """Return the seeds behind a solution and so many of the solutions that it seeded, the best first."""
+    known = records.lineage(session, solution_id)
+    asked = {"seed": solution_id}
+    ordered = _CHILDREN.order_by(SolutionRow.objective_kg.desc(), SolutionRow.id, JobRow.mapping)
+    found = session.execute(ordered.limit(most), asked).mappings().all()
+    children = [Child.model_validate(dict(row)) for row in found]
+    n_children = len(children) if len(children) < most else _count(session, _CHILDREN, asked)
+    return LineageGraph(
+        **known.model_dump(),
+        children=children,
+        n_children=n_children,
+        n_mapped=session.execute(_N_MAPPED, asked).scalar_one(),
+        command=f"coastarc solutions reproduce {solution_id}",
+    )
+
+
+def _count(session: Session, query: Select[Any], asked: dict[str, str]) -> int:
+    counted = select(func.count()).select_from(query.subquery())
+    return session.execute(counted, asked).scalar_one()
+
+
+def reproduction(session: Session, solution_id: str) -> Reproduction:
+    """Return the job that found a solution first, cut short after the hop that did."""
+    found = session.execute(_FIRST_FOUND, {"solution": solution_id}).first()
+    if found is None:
+        raise UnknownRow("solution", solution_id)
+    solution, solve, row, search, campaign, provenance = found
+    turn = Turn(row, solution.problem_hash, search, campaign)
+    job = message_of(session, turn, seeds_of(session, [turn]))
+    if isinstance(job, HopJob):
+        # Hops depend on those before them, not on those after.
+        job = job.model_copy(update={"n_hops": solve.hop - job.address.hop + 1})
+    return Reproduction(
+        id=solution.id,
+        problem_hash=solution.problem_hash,
+        job=job,
+        hop=solve.hop,
+        x=solution.x.tolist(),
+        status=solve.status,
+        cpu_seconds=solve.cpu_seconds,
+        **{name: provenance.content[name] for name in FROM_PROVENANCE},
+    )

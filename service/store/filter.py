@@ -1,0 +1,173 @@
+"""Which solutions are asked for, as conditions of a query."""
+
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from sqlalchemy import ColumnElement, ScalarSelect, exists, func, select
+from sqlalchemy.orm import Session, aliased
+
+from core.problem import validation_message
+from service.db.tables import ProblemRow, SearchRow, SolutionRow, SolveRow
+from service.store.errors import StoreError
+
+Tolerance = Literal["strict", "paper", "all"]
+_Id = Annotated[int, Field(ge=1, lt=2**63)]
+_Bound = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
+
+#: Durations that differ by less are the same [d].
+SAME_DURATION = 1e-6
+#: Numbers of a solution that have a least and a most, as min_ and max_ of their names.
+RANGES = (
+    "delta_v_km_s",
+    "time_of_flight_days",
+    "initial_coast_days",
+    "shooting_days",
+    "final_coast_days",
+    "propellant_kg",
+    "k",
+    "cpu_seconds",
+)
+
+#: Solves beside the one that a record shows.
+_Again = aliased(SolveRow)
+
+
+class Filter(BaseModel):
+    """What is None does not restrict; an outage is one with both the segment and the duration."""
+
+    model_config = ConfigDict(frozen=True)
+
+    campaign: _Id | None = Field(default=None, description="Id of a campaign")
+    search: str | None = Field(default=None, max_length=80, description="Name of a search")
+    strategy: str | None = Field(default=None, pattern=r"^S\(\d{1,3}(\|\d{1,3})?\)$", description="As S(1|0)")
+    k: int | None = Field(default=None, ge=0, le=1000, description="Number of outages survived")
+    segment: int | None = Field(
+        default=None, ge=1, le=2000, description="Of an outage: the segment that it misses"
+    )
+    duration_days: float | None = Field(
+        default=None, gt=0, le=1000, allow_inf_nan=False, description="Of the same outage: its length [d]"
+    )
+    tolerance: Tolerance = Field(default="all", description="What is strict is good at the paper's as well")
+    strict: bool | None = Field(default=None, description="Only those that are, or are not, strict")
+    min_delta_v_km_s: _Bound | None = None
+    max_delta_v_km_s: _Bound | None = None
+    min_time_of_flight_days: _Bound | None = None
+    max_time_of_flight_days: _Bound | None = None
+    min_initial_coast_days: _Bound | None = None
+    max_initial_coast_days: _Bound | None = None
+    min_shooting_days: _Bound | None = None
+    max_shooting_days: _Bound | None = None
+    min_final_coast_days: _Bound | None = None
+    max_final_coast_days: _Bound | None = None
+    min_propellant_kg: _Bound | None = None
+    max_propellant_kg: _Bound | None = None
+    min_k: _Bound | None = None
+    max_k: _Bound | None = None
+    min_cpu_seconds: _Bound | None = None
+    max_cpu_seconds: _Bound | None = None
+
+
+def filter_of(**fields: Any) -> Filter:
+    """Return the filter that a user describes, or say what is wrong with it."""
+    try:
+        return Filter(**fields)
+    except ValidationError as error:
+        raise StoreError(validation_message("filter", error, Filter)) from error
+
+
+class Wanted:
+    """A filter whose names have been looked up, since there are few searches and problems."""
+
+    def __init__(self, session: Session, wanted: Filter) -> None:
+        self._wanted = wanted
+        self._searches = _search_ids(session, wanted)
+        self._problems = _problem_hashes(session, wanted)
+
+    def conditions(self) -> list[ColumnElement[bool]]:
+        """Return what a solution has to fulfil."""
+        found = [*self._tolerances(), *self._ranges()]
+        if self._problems is not None:
+            found.append(SolutionRow.problem_hash.in_(self._problems))
+        if self._searches is not None:
+            found.append(exists(self._solves(_Again.id).correlate(SolutionRow)))
+        return found
+
+    def searches(self, session: Session) -> Sequence[int]:
+        """Return the searches inside the filter."""
+        return session.scalars(select(SearchRow.id)).all() if self._searches is None else self._searches
+
+    def first_solve(self) -> ScalarSelect[int]:
+        """Return the first solve inside the filter that found the solution of the query around it."""
+        first: ScalarSelect[int] = self._solves(func.min(_Again.id)).correlate(SolutionRow).scalar_subquery()
+        return first
+
+    def first_cpu_seconds(self) -> Any:
+        """Return the processor time of the same solve, which the index holds."""
+        first = self._solves(_Again.cpu_seconds).order_by(_Again.id).limit(1)
+        return first.correlate(SolutionRow).scalar_subquery()
+
+    def _solves(self, column: Any) -> Any:
+        query = select(column).where(_Again.solution_id == SolutionRow.id)
+        return query if self._searches is None else query.where(_Again.search_id.in_(self._searches))
+
+    def _tolerances(self) -> list[ColumnElement[bool]]:
+        found: list[ColumnElement[bool]] = []
+        if self._wanted.strict is not None:
+            found.append(SolutionRow.strict == self._wanted.strict)
+        if self._wanted.tolerance != "all":
+            found.append(getattr(SolutionRow, self._wanted.tolerance) == True)  # noqa: E712 - a condition
+        return found
+
+    def _ranges(self) -> list[ColumnElement[bool]]:
+        found: list[ColumnElement[bool]] = []
+        for name in RANGES:
+            least, most = (getattr(self._wanted, f"{end}_{name}") for end in ("min", "max"))
+            if name == "k" or (least, most) == (None, None):
+                continue
+            column = self.first_cpu_seconds() if name == "cpu_seconds" else getattr(SolutionRow, name)
+            if least is not None:
+                found.append(column >= least)
+            if most is not None:
+                found.append(column <= most)
+        return found
+
+
+def _search_ids(session: Session, wanted: Filter) -> Sequence[int] | None:
+    query = select(SearchRow.id)
+    if wanted.campaign is not None:
+        query = query.where(SearchRow.campaign_id == wanted.campaign)
+    if wanted.search is not None:
+        query = query.where(SearchRow.name == wanted.search)
+    if wanted.strategy is not None:
+        query = query.where(SearchRow.strategy == wanted.strategy)
+    if (wanted.campaign, wanted.search, wanted.strategy) == (None, None, None):
+        return None
+    found = session.scalars(query).all()
+    # A filter that all pass, as that of the only campaign, costs as much as any.
+    n_all = session.scalar(select(func.count(SearchRow.id)))
+    return None if len(found) == n_all else found
+
+
+def _problem_hashes(session: Session, wanted: Filter) -> list[str] | None:
+    has_outage = (wanted.segment, wanted.duration_days) != (None, None)
+    if not has_outage and (wanted.k, wanted.min_k, wanted.max_k) == (None, None, None):
+        return None
+    query = select(ProblemRow.hash, *((ProblemRow.definition,) if has_outage else ()))
+    if wanted.k is not None:
+        query = query.where(ProblemRow.k == wanted.k)
+    if wanted.min_k is not None:
+        query = query.where(ProblemRow.k >= wanted.min_k)
+    if wanted.max_k is not None:
+        query = query.where(ProblemRow.k <= wanted.max_k)
+    rows = session.execute(query)
+    return [row[0] for row in rows if not has_outage or _survives(row[1]["outages"], wanted)]
+
+
+def _survives(outages: list[dict[str, Any]], wanted: Filter) -> bool:
+    days = wanted.duration_days
+    return any(
+        wanted.segment in (None, outage["segment"])
+        and (days is None or abs(outage["duration_days"] - days) <= SAME_DURATION)
+        for outage in outages
+    )

@@ -1,0 +1,134 @@
+"""How a campaign came to what it has found: improvements, outcomes over time, seeds, delta-v."""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from core.analysis.metrics import feasibility_ratio
+from service.api.history_schemas import (
+    BoxView,
+    ChainView,
+    HistoryView,
+    OutcomeBinsView,
+    RatioView,
+    StepView,
+    StrategyView,
+)
+from service.db.tables import CampaignRow, SearchRow
+from service.store.errors import UnknownRow
+from service.store.histories import Histories
+from service.store.tally import Step, StrategyTally, Tally
+
+#: Steps of one strategy, delta-v of one box and of all boxes that are sent at most.
+MOST_STEPS, MOST_OF_BOX, MOST_OF_BOXES = 200, 120, 3000
+SECONDS_PER_HOUR = 3600.0
+
+
+def campaign_history(session: Session, histories: Histories, campaign_id: int) -> HistoryView:
+    """Return the history of a campaign."""
+    campaign = session.get(CampaignRow, campaign_id)
+    if campaign is None:
+        raise UnknownRow("campaign", campaign_id)
+    tally = histories.tally(campaign)
+    n_solves = select(func.sum(SearchRow.n_solves)).where(SearchRow.campaign_id == campaign_id)
+    strategies = sorted(tally.strategies.items(), key=lambda item: _place(item[1]))
+    return HistoryView(
+        campaign_id=campaign_id,
+        n_solves=session.scalar(n_solves) or 0,
+        n_read=sum(tally.outcomes.values()),
+        outcomes=OutcomeBinsView(width_seconds=tally.bins.width_s, **tally.bins.lists()),
+        strategies=[_strategy(name, one) for name, one in strategies],
+        chains=_chains(tally),
+        delta_v=_boxes(tally),
+    )
+
+
+def _place(one: StrategyTally) -> tuple[int, int]:
+    return one.k, -1 if one.seed_k is None else one.seed_k
+
+
+def _ratio(n: int, n_solves: int) -> RatioView:
+    ratio = feasibility_ratio(n, n_solves)
+    return RatioView(value=ratio.value if n_solves else None, low=ratio.low, high=ratio.high)
+
+
+def _strategy(name: str, one: StrategyTally) -> StrategyView:
+    n_solves, n_strict = int(one.outcomes.sum()), int(one.outcomes[0])
+    n_paper = n_strict + int(one.outcomes[1])
+    return StrategyView(
+        strategy=name,
+        k=one.k,
+        seed_k=one.seed_k,
+        n_solves=n_solves,
+        n_paper=n_paper,
+        n_strict=n_strict,
+        paper_ratio=_ratio(n_paper, n_solves),
+        strict_ratio=_ratio(n_strict, n_solves),
+        core_hours=one.cpu_seconds / SECONDS_PER_HOUR,
+        steps=[
+            StepView(core_hours=at / SECONDS_PER_HOUR, delta_v_km_s=delta_v, solution_id=solution_id)
+            for at, delta_v, solution_id in _evenly(one.steps, MOST_STEPS)
+        ],
+    )
+
+
+def _evenly(steps: Sequence[Step], most: int) -> list[Step]:
+    return [steps[place] for place in _places(len(steps), most)]
+
+
+def _places(n: int, most: int) -> list[int]:
+    """Return all places of a list, or so many evenly, the first and the last among them."""
+    if n <= most:
+        return list(range(n))
+    places: list[int] = np.linspace(0, n - 1, most).round().astype(int).tolist()
+    return places
+
+
+def _chains(tally: Tally) -> list[ChainView]:
+    groups: defaultdict[tuple[int | None, int], list[StrategyTally]] = defaultdict(list)
+    for one in tally.strategies.values():
+        groups[one.seed_k, one.k].append(one)
+    order = sorted(groups, key=lambda pair: (-1 if pair[0] is None else pair[0], pair[1]))
+    return [_chain(tally, seed_k, k, groups[seed_k, k]) for seed_k, k in order]
+
+
+def _chain(tally: Tally, seed_k: int | None, k: int, group: Sequence[StrategyTally]) -> ChainView:
+    n_solves = sum(int(one.outcomes.sum()) for one in group)
+    n_strict = sum(int(one.outcomes[0]) for one in group)
+    seconds = sum(one.cpu_seconds for one in group)
+    return ChainView(
+        seed_k=seed_k,
+        k=k,
+        n_seeds=0 if seed_k is None else len(tally.seeds[seed_k, k]),
+        n_solves=n_solves,
+        n_strict=n_strict,
+        strict_ratio=_ratio(n_strict, n_solves),
+        core_seconds_per_strict=seconds / n_strict if n_strict else None,
+    )
+
+
+def _boxes(tally: Tally) -> list[BoxView]:
+    most = min(MOST_OF_BOX, MOST_OF_BOXES // max(1, len(tally.delta_v)))
+    groups = [(tally.strategies[name], name, days, values) for (name, days), values in tally.delta_v.items()]
+    groups.sort(key=lambda group: (_place(group[0]), group[2] is None, group[2] or 0.0))
+    return [_box(one.k, name, days, np.sort(values), most) for one, name, days, values in groups]
+
+
+def _box(k: int, strategy: str, duration_days: float | None, ordered: Any, most: int) -> BoxView:
+    least, lower, median, upper, greatest = np.quantile(ordered, (0.0, 0.25, 0.5, 0.75, 1.0)).tolist()
+    return BoxView(
+        strategy=strategy,
+        k=k,
+        duration_days=duration_days,
+        n_solutions=len(ordered),
+        least_km_s=least,
+        lower_quartile_km_s=lower,
+        median_km_s=median,
+        upper_quartile_km_s=upper,
+        greatest_km_s=greatest,
+        sample_km_s=[ordered[place] for place in _places(len(ordered), most)],
+    )

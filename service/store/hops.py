@@ -1,0 +1,131 @@
+"""The solves of a search, chain by chain: all, or whole chains drawn evenly from all."""
+
+from itertools import groupby
+from typing import Any
+
+from sqlalchemy import Select, case, func, literal_column, select
+from sqlalchemy.orm import Session, aliased
+
+from core.search import HopSettings
+from service.api.search_schemas import HopColumns, HopsView, SeedOfSearch
+from service.db.sampling import mixed
+from service.db.tables import JobRow, SearchRow, SolutionRow, SolveRow
+from service.hop_widths import widths
+from service.search_spec import SearchSpec
+from service.store.one_search import find_search
+from service.store.specs import search_spec
+
+#: Columns that an answer takes over as they are.
+FROM_SOLVE = ("id", "hop", "move", "ending", "status", "objective_kg", "violation", "n_iterations")
+_VERDICT = case((SolveRow.strict, "strict"), (SolveRow.paper, "paper"))
+_SOLVES = (
+    select(
+        *(getattr(SolveRow, name) for name in FROM_SOLVE),
+        SolveRow.cpu_seconds,
+        SolveRow.solution_id,
+        JobRow.case_index.label("case"),
+        JobRow.chain,
+        JobRow.hop.label("first_hop"),
+        JobRow.seed_id,
+        JobRow.mapping,
+        _VERDICT.label("verdict"),
+        SolutionRow.delta_v_km_s,
+    )
+    .join(JobRow, JobRow.id == SolveRow.job_id)
+    .outerjoin(SolutionRow, SolutionRow.id == SolveRow.solution_id)
+    .order_by(JobRow.case_index, JobRow.chain, SolveRow.hop)
+)
+
+
+def hops_of_search(session: Session, campaign_id: int, name: str, limit: int, after: int) -> HopsView:
+    """Return the solves of the chains that have got some after an id, or of chains drawn from all."""
+    campaign, row = find_search(session, campaign_id, name)
+    spec = search_spec(campaign, row)
+    last = session.scalar(select(func.max(SolveRow.id)).where(_of(row))) or 0
+    jobs = _newer(row, after) if after else _drawn(session, row, spec, limit)
+    query = _SOLVES.where(SolveRow.job_id.in_(jobs), SolveRow.id <= last).limit(limit)
+    solves = [dict(found) for found in session.execute(query).mappings()]
+    seeds = _seeds(session, solves)
+    return HopsView(
+        solves=_columns(solves, spec, [seed.id for seed in seeds]),
+        seeds=seeds,
+        n_shown=len(solves),
+        n_all=row.n_solves,
+        last=last,
+    )
+
+
+def _of(row: SearchRow) -> Any:
+    return SolveRow.search_id == row.id
+
+
+def _newer(row: SearchRow, after: int) -> Select[int]:
+    return select(SolveRow.job_id).where(SolveRow.id > after, _of(row)).distinct()
+
+
+def _drawn(session: Session, row: SearchRow, spec: SearchSpec, limit: int) -> Select[int]:
+    """Return the query of the jobs to show: all, or of so many chains or seeds as fit."""
+    jobs = select(JobRow.id).where(JobRow.search_id == row.id, JobRow.state != literal_column("'queued'"))
+    if row.n_solves <= limit:
+        return jobs
+    if spec.seeds is not None:
+        # Hashes of seeds are spread evenly as they are; all that was made of a seed is shown together.
+        mark = 16**32 * limit // row.n_solves
+        return jobs.where(JobRow.chain < f"{mark:032x}")
+    n_chains = session.scalar(select(func.count()).select_from(jobs.subquery())) or 0
+    n_wanted = max(1, n_chains * limit // row.n_solves)
+    return select(jobs.order_by(mixed(JobRow.id), JobRow.id).limit(n_wanted).subquery().c.id)
+
+
+def _columns(solves: list[dict[str, Any]], spec: SearchSpec, seeds: list[str]) -> HopColumns:
+    columns: dict[str, list[Any]] = {name: [] for name in HopColumns.model_fields}
+    places = {seed: place for place, seed in enumerate(seeds)}
+    for (_, chain), group in groupby(solves, lambda solve: (solve["case"], solve["chain"])):
+        of_chain = list(group)
+        number = int(chain, 16) if spec.seeds is None else places[of_chain[0]["seed_id"]]
+        for solve, width in zip(of_chain, _widths(of_chain, spec), strict=True):
+            shown = solve | {"chain": number, "width": width}
+            for name, values in columns.items():
+                values.append(shown[name])
+    return HopColumns(**columns)
+
+
+def _widths(of_chain: list[dict[str, Any]], spec: SearchSpec) -> list[float | None]:
+    """Return the widths of a chain's hops, as far as the chain is known from its first on."""
+    nothing: list[float | None] = [None] * len(of_chain)
+    first = of_chain[0]["first_hop"]
+    # A chain that was cut short and goes on may hand in its later hops first.
+    is_whole = [solve["hop"] for solve in of_chain] == list(range(first, first + len(of_chain)))
+    if spec.seeds is not None or not is_whole:
+        return nothing
+    return widths(HopSettings(**spec.laws.model_dump()), ((s["move"], s["violation"]) for s in of_chain))
+
+
+def _seeds(session: Session, solves: list[dict[str, Any]]) -> list[SeedOfSearch]:
+    ids = {solve["seed_id"] for solve in solves if solve["seed_id"]}
+    found: list[SeedOfSearch] = []
+    again = aliased(SolveRow)
+    first = (
+        select(func.min(again.id))
+        .where(again.solution_id == SolutionRow.id)
+        .correlate(SolutionRow)
+        .scalar_subquery()
+    )
+    query = (
+        select(
+            SolutionRow.id,
+            SearchRow.name.label("search"),
+            SearchRow.strategy,
+            SolutionRow.delta_v_km_s,
+            SolutionRow.time_of_flight_days,
+        )
+        .select_from(SolutionRow)
+        .join(SolveRow, SolveRow.id == first)
+        .join(SearchRow, SearchRow.id == SolveRow.search_id)
+    )
+    ordered = sorted(ids)
+    # As many at a time as both databases take in one list.
+    for begin in range(0, len(ordered), 500):
+        part = query.where(SolutionRow.id.in_(ordered[begin : begin + 500])).order_by(SolutionRow.id)
+        found.extend(SeedOfSearch(**row) for row in session.execute(part).mappings())
+    return found
