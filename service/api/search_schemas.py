@@ -121,5 +121,5 @@ class HopsView(Answer):
     seeds: list[SeedOfSearch]
     n_shown: int
     n_all: int
-    #: What to ask for next with `after`: the id of the latest solve.
+    #: What to ask for next with `after`: the id of the latest solve of the archive.
     last: int

@@ -24,21 +24,25 @@ from workers.job import HopJob
 
 _SEED: BindParameter[str] = bindparam("seed")
 _FINDERS = select(SolveRow.search_id).where(SolveRow.solution_id == _SEED)
-# Jobs of a seed are found by their addresses, whose chain is the seed: an index on seeds is not needed.
-_MAPPED = (
-    (CaseRow.search_id == SearchRow.id)
-    & (JobRow.search_id == CaseRow.search_id)
-    & (JobRow.kind == "map")
-    & (JobRow.case_index == CaseRow.position)
-    & (JobRow.chain == _SEED)
+#: The cases of the searches that take the seeds of those that found a solution.
+_FED = (
+    select(CaseRow.search_id, CaseRow.position)
+    .join(SearchRow, SearchRow.id == CaseRow.search_id)
+    .where(SearchRow.source_id.in_(_FINDERS))
 )
+# The jobs of a seed are found by their addresses, whose chain is the seed: every part of the unique index is
+# given, so that no other job is looked at, and an index on seeds is not needed.
 _SOLVES = (
     select()
-    .select_from(SearchRow)
-    .join(CaseRow, CaseRow.search_id == SearchRow.id)
-    .join(JobRow, _MAPPED)
+    .select_from(JobRow)
+    .join(SearchRow, SearchRow.id == JobRow.search_id)
     .join(SolveRow, SolveRow.job_id == JobRow.id)
-    .where(SearchRow.source_id.in_(_FINDERS))
+    .where(
+        JobRow.search_id.in_(bindparam("searches", expanding=True)),
+        JobRow.kind == "map",
+        JobRow.case_index.in_(bindparam("cases", expanding=True)),
+        JobRow.chain == _SEED,
+    )
 )
 _N_MAPPED = _SOLVES.add_columns(func.count())
 _CHILDREN = (
@@ -84,7 +88,9 @@ FROM_PROVENANCE = ("code_version", "python_version", "package_versions", "kernel
 def graph(session: Session, solution_id: str, most: int) -> LineageGraph:
     """Return the seeds behind a solution and so many of the solutions that it seeded, the best first."""
     known = records.lineage(session, solution_id)
-    asked = {"seed": solution_id}
+    fed = session.execute(_FED, {"seed": solution_id}).all()
+    searches, cases = ({row[i] for row in fed} for i in (0, 1))
+    asked = {"seed": solution_id, "searches": sorted(searches), "cases": sorted(cases)}
     ordered = _CHILDREN.order_by(SolutionRow.objective_kg.desc(), SolutionRow.id, JobRow.mapping)
     found = session.execute(ordered.limit(most), asked).mappings().all()
     children = [Child.model_validate(dict(row)) for row in found]
@@ -98,7 +104,7 @@ def graph(session: Session, solution_id: str, most: int) -> LineageGraph:
     )
 
 
-def _count(session: Session, query: Select[Any], asked: dict[str, str]) -> int:
+def _count(session: Session, query: Select[Any], asked: dict[str, Any]) -> int:
     counted = select(func.count()).select_from(query.subquery())
     return session.execute(counted, asked).scalar_one()
 

@@ -1,22 +1,26 @@
 """What came of a solution, and what it looks like as a file and as a problem."""
 
 import csv
+import sqlite3
 
 import numpy as np
 import pytest
 from fastapi.testclient import TestClient
+from sqlalchemy.dialects import sqlite
 
 from core.problem import load_problem, problem_from
 from service.app import create_app
 from service.dashboard import structure
 from service.dashboard.structure import structure_of
-from service.store import Store
+from service.store import Store, descent
 from service.store.filter import Filter
 from tests.acceptance import known
 from tests.service.campaigns import finish, spec_fields, submitted
 from tests.service.databases import needs_postgres
 
 API = "/api/v1"
+#: A statement with its values in it.
+LITERAL = {"literal_binds": True}
 
 
 @pytest.fixture
@@ -58,21 +62,15 @@ def test_a_solution_that_seeded_nothing_has_no_children(client, finished):
     assert len(answer["nodes"]) == 2 and len(answer["edges"]) == 1
 
 
-def test_children_are_found_through_indexes_alone(finished):
-    import sqlite3
-
-    from sqlalchemy.dialects import sqlite
-
-    from service.store import descent
-
-    query = str(descent._CHILDREN.compile(dialect=sqlite.dialect()))
+def test_children_are_found_by_the_whole_address_of_their_jobs(finished):
+    values = {"searches": [2], "cases": [0], "seed": 32 * "0"}
+    text = str(descent._CHILDREN.params(**values).compile(dialect=sqlite.dialect(), compile_kwargs=LITERAL))
     archive = sqlite3.connect(finished.folder / "coastarc.db")
-    plan = [
-        row[3]
-        for row in archive.execute(f"EXPLAIN QUERY PLAN {query}", ["map"] + ["0"] * (query.count("?") - 1))
-    ]
+    plan = [row[3] for row in archive.execute(f"EXPLAIN QUERY PLAN {text}")]
     archive.close()
-    assert not [line for line in plan if line.startswith("SCAN") and "search" not in line], plan
+    (jobs,) = [line for line in plan if line.startswith("SEARCH job ")]
+    assert "(search_id=? AND kind=? AND case_index=? AND chain=?)" in jobs
+    assert not [line for line in plan if line.startswith("SCAN")], plan
 
 
 @pytest.fixture(scope="module")

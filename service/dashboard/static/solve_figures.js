@@ -140,13 +140,14 @@ function marks(solves, x, y, shown) {
 }
 
 /**
- * Return the step of a logarithmic axis: whole decades, since their parts would be named as well.
+ * Return the step of a logarithmic axis: whole decades, since their parts would be named as well, if there are some.
  * @param {number[]} values
  */
 export function decades(values) {
   const [low, high] = values.reduce(([a, b], v) => [Math.min(a, v), Math.max(b, v)], [Infinity, LEAST]);
   const span = Math.log10(high / low);
-  return span < 1.5 ? undefined : Math.max(1, Math.ceil(span / MOST_DECADES));
+  if (span < 0.4) return undefined;
+  return span < 1.5 ? "D2" : Math.max(1, Math.ceil(span / MOST_DECADES));
 }
 
 /**

@@ -26,11 +26,11 @@ export class WorkerTable {
       "Workers, those seen last first",
       [
         { key: "name", title: "Worker", cell: (worker) => [el("strong", {}, worker.name), el("small", { class: "muted under" }, `${worker.executor} on ${worker.host}`)] },
-        { key: "alive", title: "State", cell: (worker) => el("span", { class: "pill", "data-state": worker.is_alive ? "active" : "gone" }, worker.is_alive ? "connected" : "gone") },
+        { key: "alive", title: "State", minor: true, cell: (worker) => el("span", { class: "pill", "data-state": worker.is_alive ? "active" : "gone" }, worker.is_alive ? "connected" : "gone") },
         { key: "slots", title: "Busy", cell: (worker) => meter(worker.held.length, worker.slots, `${number(worker.held.length, 0)} of ${number(worker.slots, 0)} slots`, "Slots in use") },
         { key: "cpu", title: "CPU", cell: (worker) => (worker.cpu_cores === null ? NONE : meter(worker.cpu_cores, worker.slots, number(worker.cpu_cores, 2, "cores"), "Processors in use")) },
         { key: "memory", title: "Memory", cell: memory },
-        { key: "seen", title: "Last seen", numeric: true, cell: (worker) => `${ago(worker.seen_at)} ago` },
+        { key: "seen", title: "Last seen", numeric: true, minor: true, cell: (worker) => `${ago(worker.seen_at)} ago` },
         { key: "since", title: "Since", numeric: true, minor: true, cell: (worker) => `${ago(worker.created_at)} ago` },
         { key: "version", title: "Version", minor: true, cell: (worker) => [el("code", {}, worker.code_version), el("small", { class: "muted under" }, `Python ${worker.python_version}`)] },
       ],

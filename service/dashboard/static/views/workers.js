@@ -49,7 +49,7 @@ const queueTable = /** @type {Table<QueueItem>} */ (
       { key: "name", title: "Campaign", cell: (item) => item.name },
       { key: "state", title: "State", minor: true, cell: (item) => el("span", { class: "pill", "data-state": item.state }, item.state) },
       { key: "queued", title: "Waiting", numeric: true, cell: (item) => number(item.jobs.queued, 0) },
-      { key: "running", title: "Running", numeric: true, cell: (item) => number(item.jobs.running, 0) },
+      { key: "running", title: "Running", numeric: true, minor: true, cell: (item) => number(item.jobs.running, 0) },
       { key: "dead", title: "Dead", numeric: true, cell: (item) => number(item.jobs.dead, 0) },
       { key: "do", title: "", cell: (item) => maySteer() && item.jobs.dead > 0 && item.state !== "cancelled" && el("button", { type: "button", "data-does": `requeue-${item.campaign_id}`, onclick: () => askRequeueAll(item) }, "Requeue all dead") },
     ],
