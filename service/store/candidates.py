@@ -1,6 +1,8 @@
 """The solutions that may become seeds of a search."""
 
-from sqlalchemy import null, select
+from typing import Any
+
+from sqlalchemy import ColumnElement, Select, null, select
 from sqlalchemy.orm import Session
 
 from core.analysis.distinct import features
@@ -8,30 +10,65 @@ from service.db.tables import CampaignRow, JobRow, SearchRow, SolutionRow, Solve
 from service.scheduler.plan import Candidate
 from service.search_spec import SearchSpec
 from service.store.specs import search_spec, spec_of
+from service.store.tallies import n_solutions, tallies
+
+#: Rows that are fetched at once where not all may be needed.
+STEP = 200
 
 
 def candidates(
-    session: Session, campaign: CampaignRow, row: SearchRow, search: SearchSpec
+    session: Session, campaign: CampaignRow, row: SearchRow, search: SearchSpec, most: int | None = None
 ) -> list[Candidate]:
-    """Return the different solutions of the source of a search, each at its first address."""
-    seeds = search.seeds
-    assert seeds is not None
-    is_good = SolveRow.strict if seeds.tolerance == "strict" else SolveRow.paper
+    """Return the different solutions of the source of a search, each at its first address.
+
+    With `most` it stops at so many of those that come first, if their order is that of an index.
+    """
+    assert search.seeds is not None
+    source = session.get_one(SearchRow, row.source_id)
+    source_spec = search_spec(session.get_one(CampaignRow, source.campaign_id), source)
+    query = _query(source, source_spec, search, most is not None)
+    is_ordered = search.seeds.order in (None, "delta_v")
+    problem = spec_of(campaign).problem
+    found: dict[str, Candidate] = {}
+    for key, case, chain, hop, delta_v, time_of_flight, x in session.execute(
+        query.execution_options(yield_per=STEP)
+    ):
+        if key not in found:
+            shape = None if x is None else features(problem, x)
+            cases = source_spec.outage_sets
+            found[key] = Candidate(key, (case, chain, hop), cases[case], delta_v, time_of_flight, shape)
+        if is_ordered and len(found) == most:
+            break
+    return list(found.values())
+
+
+def n_candidates(session: Session, row: SearchRow, search: SearchSpec) -> int:
+    """Return how many candidates there are."""
+    assert search.seeds is not None
+    counted = tallies(session, SearchRow.id == row.source_id).get(row.source_id or 0, {})
+    noun = "strict" if search.seeds.tolerance == "strict" else "solution"
+    return n_solutions(counted.get(noun, {}), "search")
+
+
+def _query(source: SearchRow, source_spec: SearchSpec, search: SearchSpec, is_cut: bool) -> Select[Any]:
+    """Return the query of (id, case, chain, hop, delta-v, time of flight, vector or None)."""
+    assert search.seeds is not None
+    is_good = SolveRow.strict if search.seeds.tolerance == "strict" else SolveRow.paper
     # Vectors are large, and only one order looks at them.
-    x = SolutionRow.x if seeds.order == "diversity" else null()
-    query = (
+    x = SolutionRow.x if search.seeds.order == "diversity" else null()
+    # Of solves or of jobs, whichever has an index in the order that is wanted.
+    mine: ColumnElement[bool] = JobRow.search_id == source.id
+    mine &= JobRow.kind == ("hop" if source_spec.seed_k is None else "map")
+    order: list[Any] = [JobRow.case_index, JobRow.chain, JobRow.hop, SolveRow.hop]
+    if is_cut and search.seeds.order == "delta_v":
+        # The most final mass is the least delta-v.
+        mine = (SolveRow.search_id == source.id) & SolveRow.solution_id.is_not(None)
+        order = [SolveRow.final_mass_kg.desc(), *order]
+    return (
         select(SolutionRow.id, JobRow.case_index, JobRow.chain, SolveRow.hop)
         .add_columns(SolutionRow.delta_v_km_s, SolutionRow.time_of_flight_days, x)
         .join(SolveRow, SolveRow.solution_id == SolutionRow.id)
         .join(JobRow, JobRow.id == SolveRow.job_id)
-        .where(SolveRow.search_id == row.source_id, is_good)
-        .order_by(JobRow.case_index.desc(), JobRow.chain.desc(), SolveRow.hop.desc())
+        .where(mine, is_good)
+        .order_by(*order)
     )
-    problem = spec_of(campaign).problem
-    source = session.get_one(SearchRow, row.source_id)
-    cases = search_spec(session.get_one(CampaignRow, source.campaign_id), source).outage_sets
-    found: dict[str, Candidate] = {}
-    for key, case, chain, hop, delta_v, time_of_flight, vector in session.execute(query):
-        shape = None if vector is None else features(problem, vector)
-        found[key] = Candidate(key, (case, chain, hop), cases[case], delta_v, time_of_flight, shape)
-    return list(found.values())

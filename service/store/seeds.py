@@ -17,12 +17,12 @@ from service.scheduler import plan
 from service.scheduler.plan import Candidate, PlannedJob
 from service.search_spec import SearchSpec
 from service.spec import Spec, SpecError
-from service.store.candidates import candidates
+from service.store.candidates import candidates, n_candidates
 from service.store.errors import StoreError, UnknownRow
 from service.store.specs import search_spec, spec_of
 
 #: Pairs of a seed and a mapping in one answer, at most.
-MOST_PAIRS = 1000
+MOST_PAIRS = 200
 #: Seeds of a problem, where none are asked for in particular.
 USUAL_LIMIT = 50
 
@@ -60,8 +60,15 @@ def seeds_of_search(session: Session, campaign_id: int, name: str, wanted: Seeds
     if "seeds" not in fields:
         raise StoreError(f"search {name}: expected S(k|k'), which takes seeds, got {row.strategy}")
     search = wanted.applied(fields)
-    found = candidates(session, campaign, row, search)
-    return _page(session, spec_of(campaign), search, found, row.id)
+    assert search.seeds is not None
+    spec, number = spec_of(campaign), n_candidates(session, row, search)
+    wanted_seeds = min(number, search.seeds.limit or number)
+    some = candidates(session, campaign, row, search, min(wanted_seeds, MOST_PAIRS + 1))
+    page = _page(session, spec, search, some, number, row.id)
+    if len(some) >= wanted_seeds or len(page.items) >= min(MOST_PAIRS, search.guesses or MOST_PAIRS):
+        return page
+    # Seeds that fit no case gave no pair, so those that come later are wanted as well.
+    return _page(session, spec, search, candidates(session, campaign, row, search), number, row.id)
 
 
 def seeds_of_problem(
@@ -91,7 +98,8 @@ def seeds_of_problem(
     search = replace(wanted, limit=wanted.limit or USUAL_LIMIT).applied(fields)
     spec = _alone(problem, search)
     ks = range(problem.k) if seed_k is None else [seed_k]
-    return _page(session, spec, search, _of_family(session, problem, ks, search))
+    found = _of_family(session, problem, ks, search)
+    return _page(session, spec, search, found, len(found))
 
 
 def _alone(problem: Problem, search: SearchSpec) -> Spec:
@@ -142,7 +150,12 @@ def _outages(definition: dict[str, Any]) -> tuple[tuple[int, float], ...]:
 
 
 def _page(
-    session: Session, spec: Spec, search: SearchSpec, found: list[Candidate], search_id: int | None = None
+    session: Session,
+    spec: Spec,
+    search: SearchSpec,
+    found: list[Candidate],
+    number: int,
+    search_id: int | None = None,
 ) -> SeedPage:
     seeds = plan.chosen(search, found)
     try:
@@ -162,7 +175,7 @@ def _page(
             | {"mapping": job.mapping, "job_id": job_id, "job_state": job_state}
         )
     is_cut = len(pairs) > MOST_PAIRS
-    return SeedPage.model_validate({"items": items, "n_candidates": len(found), "is_cut": is_cut})
+    return SeedPage.model_validate({"items": items, "n_candidates": number, "is_cut": is_cut})
 
 
 def _about(session: Session, seed_ids: set[str]) -> dict[str, tuple[str, bool]]:
