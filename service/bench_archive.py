@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 from core.transcription import layout_of
 from service.db.engine import Database
 from service.db.place import place_of
-from service.db.tables import JobRow, SearchRow, SolutionRow, SolveRow
+from service.db.tables import AttemptRow, JobRow, ProvenanceRow, SearchRow, SolutionRow, SolveRow
 from service.search_spec import SearchSpec
 from service.spec import Spec
 from service.store import Store
@@ -46,6 +46,16 @@ JOB = {
     "ending": "feasible",
 }
 WHEN = {"created_at": 0.0, "updated_at": 0.0}
+PROVENANCE = {"code_version": "0", "package_versions": {}, "kernel_hashes": {}, "host": "made up"}
+ATTEMPT = {
+    "attempt": 1,
+    "worker": "made up",
+    "started_at": 0.0,
+    "ended_at": 5.0,
+    "ending": "feasible",
+    "next_state": "done",
+    "provenance_hash": "made up",
+}
 
 
 def fill(folder: Path, spec: Spec, n_solves: int, rng: np.random.Generator) -> int:
@@ -53,6 +63,7 @@ def fill(folder: Path, spec: Spec, n_solves: int, rng: np.random.Generator) -> i
     with Store(folder) as store:
         campaign_id, _ = store.submit(spec)
     database = Database(place_of(folder))
+    database.write(lambda session: session.add(ProvenanceRow(hash="made up", content=PROVENANCE)))
     shares = np.diff(np.linspace(0, n_solves, len(spec.search) + 1).astype(int))
     found: dict[str, list[str]] = {}
     for (position, search), share in zip(spec.in_order, shares, strict=True):
@@ -86,6 +97,7 @@ class _Maker:
             ids = session.scalars(
                 insert(JobRow).returning(JobRow.id, sort_by_parameter_order=True), jobs
             ).all()
+            session.execute(insert(AttemptRow), [ATTEMPT | {"job_id": job} for job in ids])
             new = [solution for solution in solutions if solution is not None]
             if new:
                 session.execute(insert(SolutionRow), new)

@@ -229,7 +229,12 @@ class SolveRow(Base):
         Index("solve_of_search", "search_id", "paper", "strict", "objective_kg"),
         # With what is told about the solve that first found a solution, so that its row is not read.
         partial_index(
-            "solve_of_solution", "solution_id", "id", "search_id", "cpu_seconds", where="solution_id IS NOT NULL"
+            "solve_of_solution",
+            "solution_id",
+            "id",
+            "search_id",
+            "cpu_seconds",
+            where="solution_id IS NOT NULL",
         ),
     )
     id: Mapped[int] = mapped_column(primary_key=True)

@@ -38,16 +38,18 @@ class Filter(BaseModel):
 
     model_config = ConfigDict(frozen=True)
 
-    campaign: _Id | None = Field(None, description="Id of a campaign")
-    search: str | None = Field(None, max_length=80, description="Name of a search")
-    strategy: str | None = Field(None, pattern=r"^S\(\d{1,3}(\|\d{1,3})?\)$", description="As S(1|0)")
-    k: int | None = Field(None, ge=0, le=1000, description="Number of outages survived")
-    segment: int | None = Field(None, ge=1, le=2000, description="Of an outage: the segment that it misses")
-    duration_days: float | None = Field(
-        None, gt=0, le=1000, allow_inf_nan=False, description="Of the same outage: its length [d]"
+    campaign: _Id | None = Field(default=None, description="Id of a campaign")
+    search: str | None = Field(default=None, max_length=80, description="Name of a search")
+    strategy: str | None = Field(default=None, pattern=r"^S\(\d{1,3}(\|\d{1,3})?\)$", description="As S(1|0)")
+    k: int | None = Field(default=None, ge=0, le=1000, description="Number of outages survived")
+    segment: int | None = Field(
+        default=None, ge=1, le=2000, description="Of an outage: the segment that it misses"
     )
-    tolerance: Tolerance = Field("all", description="What is strict is good at the paper's as well")
-    strict: bool | None = Field(None, description="Only those that are, or are not, strict")
+    duration_days: float | None = Field(
+        default=None, gt=0, le=1000, allow_inf_nan=False, description="Of the same outage: its length [d]"
+    )
+    tolerance: Tolerance = Field(default="all", description="What is strict is good at the paper's as well")
+    strict: bool | None = Field(default=None, description="Only those that are, or are not, strict")
     min_delta_v_km_s: _Bound | None = None
     max_delta_v_km_s: _Bound | None = None
     min_time_of_flight_days: _Bound | None = None
