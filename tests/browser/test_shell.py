@@ -1,4 +1,4 @@
-"""What all pages share: navigation, signing in and out, the line to the coordinator, the policy of scripts."""
+"""What all pages share: navigation, signing in and out, the line to the coordinator, the policy."""
 
 import re
 

@@ -72,7 +72,8 @@ export class Parallel {
   context(points, chosen) {
     const isChosen = new Set(chosen);
     const others = points.id.map((/** @type {string} */ _, /** @type {number} */ i) => i).filter((/** @type {number} */ i) => !isChosen.has(i));
-    return svg("path", { d: this.path(points, others), fill: "none", stroke: colour("line-strong"), "stroke-width": 0.6, opacity: 0.45 });
+    const opacity = Math.max(0.08, Math.min(0.45, 400 / Math.max(1, others.length)));
+    return svg("path", { d: this.path(points, others), fill: "none", stroke: colour("line-strong"), "stroke-width": 0.6, opacity });
   }
 
   /**

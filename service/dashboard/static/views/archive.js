@@ -69,18 +69,17 @@ let pending;
 async function refreshPictures(filter, mine) {
   slowAt = performance.now();
   const ranges = rangesOf(filter);
-  const [all, found] = await Promise.all([
-    get("/solutions/points", withoutRanges(filter)),
-    get("/solutions/clusters", { ...filter, threshold: distance() }),
-  ]);
+  const all = await get("/solutions/points", withoutRanges(filter));
   const isSample = all.n > all.id.length;
   // Within the ranges there are more points than the sample of all holds.
   const chosen = isSample && ranges.size ? await get("/solutions/points", filter) : all;
   if (mine !== turn) return;
-  seen = { all, chosen, ranges, places: within(chosen, ranges) };
-  clusters.show(found);
-  show(filter, found.n);
-  await draw();
+  const places = within(chosen, ranges);
+  seen = { all, chosen, ranges, places };
+  show(filter, isSample ? chosen.n : places.length);
+  // Clusters take as long as all the rest: the pictures do not wait for them.
+  const [found] = await Promise.all([get("/solutions/clusters", { ...filter, threshold: distance() }), draw()]);
+  if (mine === turn) clusters.show(found);
 }
 
 /**
@@ -138,7 +137,7 @@ async function draw() {
 /** @param {Points} points */
 function sample(points) {
   const shown = points.id.length;
-  return shown < points.n ? `${number(shown, 0)} of ${number(points.n, 0)} solutions: all extremes, the whole front, and the rest drawn evenly.` : "";
+  return shown < points.n ? `${number(shown, 0)} of ${number(points.n, 0)} solutions: all extremes, the whole front, and others drawn by lot.` : "";
 }
 
 watchDistance(() => page.reload());
