@@ -20,7 +20,7 @@ from typing import Any
 import psutil
 
 from workers.executor import CANCEL_GRACE_S, ExecutorError, ExecutorLost, Finished, Ticket
-from workers.family import kill
+from workers.family import adopt_orphans, kill, kill_descendants
 from workers.job import Claim, Ending, Job, JobOutcome
 from workers.ray_folder import RayFolder, require_short
 from workers.ray_task import ForeignWorker, difference, execute, probe, unpacked, versions
@@ -115,11 +115,11 @@ class RayCluster:
 
     def close(self) -> None:
         """Leave the cluster; one that was started here ends, with all its processes."""
-        processes = list(self._processes()) if self.ray is not None else []
-        if self.is_lost:
-            # In peace it would take 17 s more.
-            kill(processes)
-        elif self.ray is not None:
+        if self.is_lost and self.is_own:
+            # In peace it would take 17 s more, and workers that were about to start would stay.
+            kill_descendants()
+        elif self.ray is not None and not self.is_lost:
+            processes = list(self._processes())
             self.ray.shutdown()
             kill(psutil.wait_procs(processes, LEAVE_S)[1])
         if self._scratch is not None:
@@ -133,6 +133,7 @@ class RayCluster:
             self._scratch = RayFolder()
             folder = self._scratch.path
         folder = require_short(folder)
+        adopt_orphans()
         # One process more than jobs stays warm for the watchdog, which would start one each time.
         os.environ["RAY_num_workers_soft_limit"] = str(n_workers + 1)
         self._open(

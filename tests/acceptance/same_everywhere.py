@@ -63,6 +63,8 @@ def dispatch_on_cluster(url: str, runner: str, cluster: tuple[str, Path]) -> Ite
             yield process
         finally:
             process.terminate()
+    if process.returncode != 0:
+        raise CampaignStuck(f"coastarc dispatch: expected exit code 0, got {process.returncode}")
 
 
 def wait_for_end(coordinator: Coordinator, campaign_id: int, worker: subprocess.Popen | None) -> None:

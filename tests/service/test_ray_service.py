@@ -1,4 +1,4 @@
-"""Ray behind the command line: its cluster is lost, stopped, killed, joined or absent; no solver runs."""
+"""Ray behind the command line: its cluster is lost, stopped, killed or absent; no solver runs."""
 
 import os
 import signal
@@ -13,15 +13,12 @@ import psutil
 import pytest
 
 from service.client import Client, ClientError
-from service.coordinator import Coordinator
-from tests.acceptance.same_everywhere import dispatch_on_cluster
-from tests.service.campaigns import content, spec_fields, submitted
+from tests.service.campaigns import spec_fields
 from tests.service.fake_coastarc import LEASE
-from tests.service.test_dispatch import LEASES, is_done, undisturbed, wait_for
+from tests.service.test_dispatch import LEASES, wait_for
 from workers.family import kill
 
 ROOT = Path(__file__).parents[2]
-SLOW = "tests.workers.fake:run_slowly"
 #: What the project promises [s].
 BACK_S, STOPPED_S = 90.0, 15.0
 
@@ -130,21 +127,6 @@ def test_a_stop_while_the_cluster_starts_is_obeyed_and_leaves_nothing(serve):
     served.process.send_signal(signal.SIGTERM)
     assert served.process.wait(timeout=60) == 0
     assert time.monotonic() - begin < STOPPED_S and left_of(family, 10.0) == []
-
-
-@pytest.mark.ray
-def test_a_dispatcher_joins_a_cluster_and_leaves_it_as_it_was(tmp_path, simulated_cluster):
-    expected = undisturbed(tmp_path / "one", guesses=16)
-    with Coordinator(tmp_path / "two", leases=LEASES) as coordinator:
-        campaign_id = submitted(coordinator.store, spec_fields(16))
-        with dispatch_on_cluster(coordinator.url, SLOW, simulated_cluster) as process:
-            wait_for(lambda: is_done(coordinator.store, campaign_id) or process.poll() is not None)
-            family, begin = psutil.Process(process.pid).children(recursive=True), time.monotonic()
-            process.terminate()
-            assert process.wait(timeout=60) == 0
-        assert time.monotonic() - begin < STOPPED_S and left_of(family, 10.0) == []
-        assert {worker.slots for worker in coordinator.store.workers().items} == {4}
-        assert content(coordinator.store) == expected
 
 
 def test_without_ray_its_executor_says_what_to_install(tmp_path):
