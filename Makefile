@@ -8,8 +8,9 @@ BIN := $(VENV)/bin
 run: $(VENV)/.installed
 	$(BIN)/coastarc run examples/quick.toml
 
+# Files of tests side by side; more than four would mostly wait for each other's compilations.
 test: $(VENV)/.installed-test
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n logical --maxprocesses 4 --dist loadfile
 
 # The same solutions inline, on the process pool and on Ray, with the real solver: some twenty minutes.
 same: $(VENV)/.installed-test
