@@ -36,8 +36,7 @@ class AtRandom:
             if kind is not None:
                 under_fire.kill(kind)
             else:
-                under_fire.site.freeze(1.0 + under_fire.order.site.lease_s)
-                under_fire.n_freezes += 1
+                under_fire.freeze()
 
 
 @dataclass(frozen=True)

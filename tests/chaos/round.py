@@ -124,6 +124,17 @@ class Round:
                 # It ended by itself in the meantime, as orphans do.
                 continue
 
+    def freeze(self) -> None:
+        """Stop the dispatcher elsewhere, while it holds a job, for longer than its lease."""
+        held = "SELECT 1 FROM attempt WHERE ended_at IS NULL AND worker LIKE ?"
+        self.wait_until(
+            "a job held by the dispatcher elsewhere",
+            lambda: self.rows(held, (f"%:{self.site.remote_pid}:%",)),
+            VICTIM_S,
+        )
+        self.site.freeze(1.0 + self.order.site.lease_s)
+        self.n_freezes += 1
+
     def n_accepted(self) -> int:
         """Return how many outcomes the archive holds."""
         return len(self.rows("SELECT 1 FROM attempt WHERE next_state = 'done'"))
@@ -192,7 +203,7 @@ def campaign_fields(order: RoundOrder, number: int) -> dict[str, Any]:
     ]
     if order.is_choosing:
         seeds = {"from": "s0", "order": "delta_v", "limit": 6}
-        fields["search"] += [{"id": "best", "strategy": "S(1|0)", "outages": [OUTAGE], "seeds": seeds}]
+        fields["search"] += [{"id": "best", "strategy": "S(1|0)", "outages": outages[2:], "seeds": seeds}]
     return fields
 
 

@@ -30,7 +30,9 @@ MARK = "COASTARC_CHAOS_MARK"
 STOP_S, ORPHAN_S = 60.0, 15.0
 
 COORDINATOR, DISPATCHER, POOL_WORKER = "coordinator", "dispatcher", "pool worker"
-RAY_WORKER, RAYLET, GCS = "ray worker", "raylet", "gcs_server"
+RAY_WORKER, RAY_AGENT, RAYLET, GCS = "ray worker", "ray agent", "raylet", "gcs_server"
+#: Named as workers are, but a raylet ends with each of them.
+AGENTS = ("ray::DashboardAgent", "ray::RuntimeEnvAgent")
 
 
 @dataclass(frozen=True)
@@ -132,6 +134,11 @@ class Site:
             self._remote = self._dispatch()
         self.kills.append(kill)
         return kill
+
+    @property
+    def remote_pid(self) -> int:
+        """The process id of the dispatcher elsewhere."""
+        return self._remote.pid
 
     def freeze(self, seconds: float) -> None:
         """Stop the dispatcher elsewhere for longer than its leases, so that it comes back with stale ones."""
@@ -236,7 +243,7 @@ def _kind_of(process: psutil.Process) -> str | None:
         if "workers.child" in command:
             return POOL_WORKER
         if command[0].startswith("ray::"):
-            return RAY_WORKER
+            return RAY_AGENT if command[0].startswith(AGENTS) else RAY_WORKER
         return process.name() if process.name() in (RAYLET, GCS) else None
     except psutil.NoSuchProcess:
         return None

@@ -12,7 +12,16 @@ from typing import Any
 
 from tests.chaos.fire import AtRandom, OneOfEach, UntilItIsBack
 from tests.chaos.round import Round, RoundError, RoundOrder
-from tests.chaos.site import COORDINATOR, DISPATCHER, GCS, POOL_WORKER, RAY_WORKER, RAYLET, SiteOrder
+from tests.chaos.site import (
+    COORDINATOR,
+    DISPATCHER,
+    GCS,
+    POOL_WORKER,
+    RAY_AGENT,
+    RAY_WORKER,
+    RAYLET,
+    SiteOrder,
+)
 
 RAY = SiteOrder(executor="ray", has_remote=False)
 ROUNDS = (
@@ -26,7 +35,7 @@ ROUNDS = (
         "anything",
         SiteOrder(executor="ray", n_workers=1, n_failures=1000),
         AtRandom(
-            {COORDINATOR: 6, DISPATCHER: 8, POOL_WORKER: 10, RAY_WORKER: 8, RAYLET: 1, GCS: 1},
+            {COORDINATOR: 6, DISPATCHER: 8, POOL_WORKER: 10, RAY_WORKER: 8, RAY_AGENT: 1, RAYLET: 1, GCS: 1},
             (0.3, 5.0),
             n_freezes=1,
         ),

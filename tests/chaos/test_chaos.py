@@ -9,10 +9,12 @@ from types import SimpleNamespace
 
 import pytest
 
+from service.spec import spec_from
 from tests.chaos.fire import AtRandom
 from tests.chaos.prober import Prober
 from tests.chaos.round import Round, RoundOrder, campaign_fields
 from tests.chaos.site import COORDINATOR, DISPATCHER, POOL_WORKER, SiteOrder
+from tests.chaos.suite import ROUNDS
 from tests.chaos.verdict import faults_of, undisturbed
 
 SHORT = RoundOrder(
@@ -37,6 +39,17 @@ def archives(tmp_path_factory):
     undisturbed(folder / "one", [campaign_fields(SHORT, 0)])
     shutil.copytree(folder / "one", folder / "two")
     return folder / "one", folder / "two"
+
+
+@pytest.mark.parametrize("order", ROUNDS, ids=lambda order: order.name)
+def test_the_campaigns_of_every_round_are_such_as_a_coordinator_takes(order):
+    assert len(spec_from(campaign_fields(order, 1)).search) == 4 + order.is_choosing
+
+
+def test_the_suite_kills_two_hundred_times():
+    # The number; those of the round that measures come on top.
+    n_kills = [sum(order.fire.n_kills.values()) for order in ROUNDS if isinstance(order.fire, AtRandom)]
+    assert sum(n_kills) >= 200
 
 
 def test_two_runs_of_one_campaign_are_equal(archives):
