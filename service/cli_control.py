@@ -142,9 +142,7 @@ def share(
     if weight is priority is None:
         raise ClientError("share: expected --weight, --priority or both, got neither")
     if weight is not None and search is None:
-        raise ClientError(
-            "share: expected --search beside --weight, got none; a campaign has none"
-        )
+        raise ClientError("share: expected --search beside --weight, got none; a campaign has none")
     with client_of(url) as client:
         campaign_id = client.find_campaign(campaign)
         if search is not None and weight is not None:

@@ -100,6 +100,7 @@ def test_the_matrix_says_what_seeds_gave_and_cost(archive, visit):
     assert page.locator(".chains th[scope=row]").all_inner_texts() == ["drawn", "seeds of k′ = 0"]
 
 
+@pytest.mark.screens  # it measures time, which `make test` does not
 def test_a_new_result_is_on_the_page_within_two_seconds(visit, served, tmp_path):
     with served(tmp_path) as (store, url):
         known.submitted(store)

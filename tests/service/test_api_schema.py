@@ -3,6 +3,8 @@
 The archive behind it is that of a campaign at work: solutions, jobs in every state, events, leases.
 """
 
+import re
+
 import pytest
 import schemathesis
 from hypothesis import HealthCheck, given, settings
@@ -12,6 +14,7 @@ from schemathesis.checks import not_a_server_error
 from schemathesis.specs.openapi import checks
 
 from service.app import create_app
+from service.dashboard.views import VIEWS
 from service.rights import Role
 from service.route_index import lines_of
 from service.security import Access
@@ -108,7 +111,8 @@ def filled(case, values):
 
 
 def test_the_document_has_every_route_of_the_api_and_its_health(schema):
-    pages = {"/", "/static/{}", "/sign-in", "/sign-out", "/api/v1/openapi.json"}
+    pages = {"/static/{}", "/sign-in", "/sign-out", "/api/v1/openapi.json"}
+    pages |= {re.sub("{[^}]*}", "{}", view.path) for view in VIEWS}
     routes = {line for line in lines_of(schema.app) if line.split(" ")[1] not in pages}
     ours = {f"{result.ok().method.upper()} {result.ok().path}" for result in schema.get_all_operations()}
     assert len(ours) == len(routes) - 3  # health and metrics have two addresses each
@@ -132,7 +136,9 @@ def test_an_operation_answers_as_the_document_says(store, schema, known, token, 
         # Else the service may find itself unready.
         store.register(worker_info("node7:1"))
         answer = case.call(headers=headers_of(token))
-        case.validate_response(answer, checks=CHECKS)
+        # A body that is too large is refused unread, which the checks do not take for a refusal.
+        if answer.status_code != 413:
+            case.validate_response(answer, checks=CHECKS)
         if answer.status_code >= 400:
             assert answer.headers["content-type"] == ["application/problem+json"]
 

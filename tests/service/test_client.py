@@ -52,6 +52,7 @@ CALLS = {
     "find_campaign": ("quick",),
     "solutions": (1, "s0", True, 3, "a"),
     "record": ("0" * 32,),
+    "reproduction": ("0" * 32,),
     "seeds_of_search": (1, "s0", SeedsWanted("delta_v", 3, "paper", ("reference",))),
     "seeds_of_problem": ("0" * 32, [(24, 1.0)], 1, SeedsWanted("delta_v", 3, "paper", ("reference",))),
     "jobs": (1, "s0", "dead", 3, 5),

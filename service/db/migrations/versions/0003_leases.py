@@ -6,7 +6,6 @@ from typing import Any
 import sqlalchemy as sa
 from alembic import op
 
-from service.db.recount import FILL_TALLIES
 from service.db.triggers import transition_triggers
 
 revision = "0003"
@@ -17,7 +16,6 @@ NUMBER: Any = sa.Double().with_variant(sa.REAL(), "sqlite")
 FLAG = sa.Boolean().with_variant(sa.Integer(), "sqlite")
 STRICT = {"sqlite_strict": True}
 _OF_SEEDS = re.compile(r"S\((\d+)\|.*\)")
-NOUNS = "'attempt', 'job', 'solve', 'status', 'level', 'solution', 'strict'"
 
 
 def upgrade() -> None:
@@ -25,8 +23,6 @@ def upgrade() -> None:
     _campaigns()
     _searches()
     _jobs()
-    _solves()
-    _tallies()
     _identities()
     dialect = op.get_bind().dialect.name
     for noun in ("campaign", "search", "job"):
@@ -109,33 +105,6 @@ def _jobs() -> None:
         "ELSE 'queued' END FROM job WHERE job.id = attempt.job_id) "
         "WHERE ending IS NOT NULL AND ending <> 'lost'"
     )
-
-
-def _solves() -> None:
-    op.add_column("solve", sa.Column("final_mass_kg", NUMBER))
-    op.execute(
-        "UPDATE solve SET final_mass_kg = (SELECT objective_kg FROM solution WHERE id = solve.solution_id) "
-        "WHERE solution_id IS NOT NULL"
-    )
-    op.drop_index("solve_of_search", "solve")
-    order = ["search_id", "final_mass_kg", "solution_id", "strict"]
-    _index("solve_order", "solve", order, "solution_id IS NOT NULL")
-    op.create_index("solve_recent", "solve", ["search_id", "created_at"])
-    op.create_index("solution_by_mass", "solution", ["objective_kg", "id"])
-
-
-def _tallies() -> None:
-    op.create_table(
-        "tally",
-        sa.Column("search_id", WHOLE, sa.ForeignKey("search.id"), primary_key=True, autoincrement=False),
-        sa.Column("noun", sa.Text, primary_key=True),
-        sa.Column("name", sa.Text, primary_key=True),
-        sa.Column("number", WHOLE, nullable=False),
-        *_numbers("cpu_seconds"),
-        sa.CheckConstraint(f"noun IN ({NOUNS})", name="known_noun"),
-        **STRICT,
-    )
-    op.execute(FILL_TALLIES)
 
 
 def _identities() -> None:
