@@ -139,6 +139,7 @@ def test_a_filter_without_solutions_says_so_and_an_empty_archive_what_to_do(arch
         page.close()
 
 
+@pytest.mark.screens  # it measures time, which `make test` does not
 def test_a_new_solution_appears_within_two_seconds(visit, served, tmp_path):
     with served(tmp_path) as (store, url):
         known.submitted(store)
