@@ -25,7 +25,7 @@ from workers.job import Claim, Ending, Job, JobOutcome
 from workers.ray_folder import RayFolder, require_short
 from workers.ray_task import ForeignWorker, difference, execute, probe, unpacked, versions
 from workers.ray_token import checked, own_token, require_token
-from workers.ray_watchdog import Watchdog
+from workers.ray_watchdog import Watchdog, ended_after
 
 LOG = logging.getLogger(__name__)
 
@@ -44,6 +44,8 @@ PACKAGES = Path(__file__).resolve().parents[1]
 VITAL = ("gcs_server", "raylet")
 #: A worker process ends after so many jobs, so that no leak lasts.
 JOBS_PER_PROCESS = 200
+#: How long Ray may take to start or to join, itself giving up after 30 s where it can [s].
+INIT_S = 60.0
 #: How long a coordinator of a cluster may take to answer, a node to start a process, a reply to arrive [s].
 CONNECT_S, PROBE_S, REPLY_S = 5.0, 120.0, 30.0
 #: How often capacity is looked up, since nodes come and go [s].
@@ -163,7 +165,7 @@ class RayCluster:
     def _open(self, token: Path | None, **options: Any) -> None:
         self.ray = ray = _imported(token)
         try:
-            with _signals_kept(), chdir(PACKAGES):
+            with _signals_kept(), chdir(PACKAGES), ended_after(INIT_S):
                 ray.init(log_to_driver=False, logging_level="ERROR", **options)
         except Exception as error:  # bare where a busy machine starts Ray too slowly
             cause = f"{type(error).__name__} ({error})"

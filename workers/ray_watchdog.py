@@ -1,10 +1,28 @@
 """Notices a Ray cluster that no longer runs tasks; without it a dispatcher would hang with its jobs."""
 
+import faulthandler
+import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from workers.executor import ExecutorLost
 from workers.ray_task import answer
+
+
+@contextmanager
+def ended_after(seconds: float) -> Iterator[None]:
+    """End this process, with exit code 1, if the block takes longer, even if no thread of ours can run.
+
+    Ray holds the interpreter while it waits for its raylet, which replies to a driver once its first workers
+    have registered; if one of them is killed while it starts, that is never.
+    """
+    faulthandler.dump_traceback_later(seconds, exit=True, file=sys.__stderr__ or sys.stderr)
+    try:
+        yield
+    finally:
+        faulthandler.cancel_dump_traceback_later()
 
 
 class Watchdog:

@@ -1,5 +1,8 @@
 """What counts as a cluster that is lost, told by a Ray that does nothing but answer as a test wants it."""
 
+import subprocess
+import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -99,3 +102,25 @@ def test_a_node_of_ours_that_dies_before_its_check_is_started_again(is_own, erro
     with pytest.raises(ExecutorError, match="expected its versions, got") as raised:
         cluster._check_node("node", error)
     assert type(raised.value) is kind
+
+
+STUCK_IN_C = """
+import ctypes, sys
+from pathlib import Path
+from types import SimpleNamespace
+from workers import ray_executor
+# Waits without letting go of the interpreter, as Ray does for a raylet that does not reply.
+ray = SimpleNamespace(init=lambda **options: ctypes.PyDLL(None).sleep(600))
+ray_executor._imported = lambda token: ray
+ray_executor.INIT_S = 1.0
+ray_executor.RayCluster(n_workers=1, token=Path(sys.argv[1]), folder=Path(sys.argv[2]))
+"""
+
+
+def test_a_start_that_is_stuck_in_ray_ends_its_process(tmp_path):
+    # A worker that is killed while it starts keeps Ray from answering its driver, for ever.
+    command = [sys.executable, "-c", STUCK_IN_C, tmp_path / "token", "/tmp/c"]
+    ended = subprocess.run(
+        command, cwd=Path(__file__).parents[2], capture_output=True, text=True, timeout=240, check=False
+    )
+    assert ended.returncode == 1 and "Timeout" in ended.stderr and "in _open" in ended.stderr
