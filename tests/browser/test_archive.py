@@ -61,7 +61,7 @@ def test_a_brush_restricts_table_and_pictures_and_a_field_does_the_same(archive,
     page.mouse.down()
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] * 0.95, steps=3)
     page.mouse.up()
-    page.wait_for_selector("#parallel-plot rect.brush")
+    page.wait_for_selector("#clear:not([hidden])")
     bounds = [page.input_value(f"input[name={end}_delta_v_km_s]") for end in ("min", "max")]
     wanted = Filter(min_delta_v_km_s=bounds[0], max_delta_v_km_s=bounds[1])
     left = {record.id for record in store.all_records(wanted)}
