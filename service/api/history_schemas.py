@@ -30,7 +30,7 @@ class CampaignCard(CampaignItem):
     cpu_seconds: float
     #: Best delta-v so far at moments as far apart as each other, from the start on [km/s].
     sparkline_km_s: list[float | None]
-    #: Solves that outcomes, rate, sparkline and best are about: fewer than all just after a start.
+    #: Solves that rate and sparkline are about: fewer than all just after a start.
     n_read: int
 
 

@@ -1,94 +1,65 @@
 """Campaigns in a list, each with how far it is and what it has found: quick however large they are."""
 
-from collections import defaultdict
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from sqlalchemy import func, literal_column, select
 from sqlalchemy.orm import Session
 
 from service.api.history_schemas import CampaignCard, Outcomes
-from service.db.tables import CampaignRow, JobRow, SearchRow
+from service.db.tables import CampaignRow
 from service.scheduler import plan
-from service.scheduler.states import ENDED
-from service.store.histories import Histories
+from service.store.chronicle import Chronicle, Step
+from service.store.chronicles import Chronicles
+from service.store.progress import Numbers, campaigns_in_numbers, eta_seconds, item_fields
 from service.store.specs import search_spec
-from service.store.tally import Step, Tally
+from service.store.tallies import summed
 
 #: Moments of a sparkline.
 N_MOMENTS = 60
 
 
-def campaign_cards(session: Session, known: Histories, now: float, limit: int = 200) -> list[CampaignCard]:
+def campaign_cards(session: Session, known: Chronicles, now: float, limit: int = 200) -> list[CampaignCard]:
     """Return the campaigns, the newest first."""
-    campaigns = session.scalars(select(CampaignRow).order_by(CampaignRow.id.desc()).limit(limit)).all()
-    ids = [campaign.id for campaign in campaigns]
-    searches = defaultdict(list)
-    rows = select(SearchRow).where(SearchRow.campaign_id.in_(ids)).order_by(SearchRow.position)
-    for row in session.scalars(rows):
-        searches[row.campaign_id].append(row)
-    n_open = _open_jobs(session)
-    return [_card(one, searches[one.id], known.tally(one), n_open, now) for one in campaigns]
+    return [
+        _card(campaign, numbers, known.chronicle(campaign), now)
+        for campaign, numbers in campaigns_in_numbers(session, limit)
+    ]
 
 
 def _card(
-    campaign: CampaignRow, searches: Sequence[SearchRow], tally: Tally, n_open: dict[int, int], now: float
+    campaign: CampaignRow, numbers: Sequence[Numbers], chronicle: Chronicle, now: float
 ) -> CampaignCard:
     end = campaign.finished_at or now
-    planned = [plan.n_planned(search_spec(campaign, row), row.n_planned) for row in searches]
-    rate = tally.rate_per_min(end)
-    n_jobs = sum(row.n_planned for row in searches)
+    planned = [plan.n_planned(search_spec(campaign, one.row), one.row.n_planned) for one in numbers]
+    rate = chronicle.rate_per_min(end)
     return CampaignCard(
-        **_named(campaign),
-        n_jobs=n_jobs,
-        n_done=n_jobs - sum(n_open.get(row.id, 0) for row in searches),
-        n_solves=sum(row.n_solves for row in searches),
-        n_solutions=tally.n_solutions,
-        best_delta_v_km_s=tally.steps[-1].delta_v_km_s if tally.steps else None,
-        outcomes=Outcomes(**tally.outcomes),
+        **item_fields(campaign, numbers),
+        outcomes=_outcomes(numbers),
         n_guesses_planned=_sum(planned),
-        n_searches=len(searches),
-        strategies=list(dict.fromkeys(row.strategy for row in searches)),
+        n_searches=len(numbers),
+        strategies=list(dict.fromkeys(one.row.strategy for one in numbers)),
         rate_per_min=rate,
-        eta_seconds=_eta_seconds(campaign, searches, planned, rate),
+        eta_seconds=eta_seconds(campaign, numbers, planned, rate),
         elapsed_seconds=end - campaign.created_at,
-        cpu_seconds=sum(row.cpu_seconds for row in searches),
-        sparkline_km_s=sparkline(tally.steps, campaign.created_at, end),
-        n_read=sum(tally.outcomes.values()),
+        cpu_seconds=sum(one.row.cpu_seconds for one in numbers),
+        sparkline_km_s=sparkline(chronicle.steps, campaign.created_at, end),
+        n_read=chronicle.n_solves,
     )
 
 
-def _named(campaign: CampaignRow) -> dict[str, Any]:
-    names = ("id", "name", "state", "priority", "created_at", "finished_at", "rng_seed")
-    return {name: getattr(campaign, name) for name in names}
-
-
-def _open_jobs(session: Session) -> dict[int, int]:
-    """Return how many jobs of each search wait or run: each state has an index of its own for that."""
-    found: dict[int, int] = defaultdict(int)
-    for state in ("queued", "running"):
-        is_so = JobRow.state == literal_column(f"'{state}'")
-        query = select(JobRow.search_id, func.count()).where(is_so).group_by(JobRow.search_id)
-        for search_id, number in session.execute(query):
-            found[search_id] += number
-    return found
+def _outcomes(numbers: Sequence[Numbers]) -> Outcomes:
+    """Return how solves ended, from what is counted as they are stored."""
+    levels = summed(one.tallies.get("level", {}) for one in numbers)
+    endings = summed(one.tallies.get("solve", {}) for one in numbers)
+    n_strict, n_paper = levels.get("strict", 0), levels.get("paper", 0)
+    odd = {name: endings.get(name, 0) for name in ("timeout", "numerical")}
+    n_rest = sum(endings.values()) - n_paper - sum(odd.values())
+    return Outcomes(strict=n_strict, paper=n_paper - n_strict, infeasible=n_rest, **odd)
 
 
 def _sum(planned: Sequence[int | None]) -> int | None:
     known = [number for number in planned if number is not None]
     return sum(known) if len(known) == len(planned) else None
-
-
-def _eta_seconds(
-    campaign: CampaignRow, searches: Sequence[SearchRow], planned: Sequence[int | None], rate_per_min: float
-) -> float | None:
-    if campaign.state in ENDED:
-        return 0.0
-    going_on = [(row, n) for row, n in zip(searches, planned, strict=True) if row.state not in ENDED]
-    if rate_per_min == 0.0 or campaign.state == "paused" or any(n is None for _, n in going_on):
-        return None
-    return 60.0 * sum(max(0, (n or 0) - row.n_solves) for row, n in going_on) / rate_per_min
 
 
 def sparkline(steps: Sequence[Step], begin: float, end: float) -> list[float | None]:

@@ -37,7 +37,7 @@ def control_campaign(session: Session, campaign_id: int, verb: Verb, now: float)
 
 def control_search(session: Session, campaign_id: int, name: str, verb: Verb, now: float) -> None:
     """Pause a search, let it go on, or cancel it; searches that it feeds go on with what there is."""
-    campaign, row = _search(session, campaign_id, name)
+    campaign, row = get_search_row(session, campaign_id, name)
     is_so = row.state in ("waiting", "active") if verb == "resume" else row.state == STATE_AFTER[verb]
     if is_so:
         return
@@ -71,7 +71,7 @@ def set_search(
     session: Session, campaign_id: int, name: str, weight: float | None, priority: int | None
 ) -> None:
     """Give a search another part of the workers, or another place before or after other searches."""
-    _, row = _search(session, campaign_id, name)
+    _, row = get_search_row(session, campaign_id, name)
     row.weight = row.weight if weight is None else weight
     row.priority = row.priority if priority is None else priority
 
@@ -154,7 +154,8 @@ def get_campaign_row(session: Session, campaign_id: int) -> CampaignRow:
     return campaign
 
 
-def _search(session: Session, campaign_id: int, name: str) -> tuple[CampaignRow, SearchRow]:
+def get_search_row(session: Session, campaign_id: int, name: str) -> tuple[CampaignRow, SearchRow]:
+    """Return the rows of a campaign and of its search of a name."""
     campaign = get_campaign_row(session, campaign_id)
     own = (SearchRow.campaign_id == campaign_id) & (SearchRow.name == name)
     row = session.scalar(select(SearchRow).where(own))

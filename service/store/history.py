@@ -19,35 +19,35 @@ from service.api.history_schemas import (
     StrategyView,
 )
 from service.db.tables import CampaignRow, SearchRow
+from service.store.chronicle import Chronicle, Step, StrategyChronicle
+from service.store.chronicles import Chronicles
 from service.store.errors import UnknownRow
-from service.store.histories import Histories
-from service.store.tally import Step, StrategyTally, Tally
 
 #: Steps of one strategy, delta-v of one box and of all boxes that are sent at most.
 MOST_STEPS, MOST_OF_BOX, MOST_OF_BOXES = 200, 120, 3000
 SECONDS_PER_HOUR = 3600.0
 
 
-def campaign_history(session: Session, histories: Histories, campaign_id: int) -> HistoryView:
+def campaign_history(session: Session, chronicles: Chronicles, campaign_id: int) -> HistoryView:
     """Return the history of a campaign."""
     campaign = session.get(CampaignRow, campaign_id)
     if campaign is None:
         raise UnknownRow("campaign", campaign_id)
-    tally = histories.tally(campaign)
+    chronicle = chronicles.chronicle(campaign)
     n_solves = select(func.sum(SearchRow.n_solves)).where(SearchRow.campaign_id == campaign_id)
-    strategies = sorted(tally.strategies.items(), key=lambda item: _place(item[1]))
+    strategies = sorted(chronicle.strategies.items(), key=lambda item: _place(item[1]))
     return HistoryView(
         campaign_id=campaign_id,
         n_solves=session.scalar(n_solves) or 0,
-        n_read=sum(tally.outcomes.values()),
-        outcomes=OutcomeBinsView(width_seconds=tally.bins.width_s, **tally.bins.lists()),
+        n_read=chronicle.n_solves,
+        outcomes=OutcomeBinsView(width_seconds=chronicle.bins.width_s, **chronicle.bins.lists()),
         strategies=[_strategy(name, one) for name, one in strategies],
-        chains=_chains(tally),
-        delta_v=_boxes(tally),
+        chains=_chains(chronicle),
+        delta_v=_boxes(chronicle),
     )
 
 
-def _place(one: StrategyTally) -> tuple[int, int]:
+def _place(one: StrategyChronicle) -> tuple[int, int]:
     return one.k, -1 if one.seed_k is None else one.seed_k
 
 
@@ -56,7 +56,7 @@ def _ratio(n: int, n_solves: int) -> RatioView:
     return RatioView(value=ratio.value if n_solves else None, low=ratio.low, high=ratio.high)
 
 
-def _strategy(name: str, one: StrategyTally) -> StrategyView:
+def _strategy(name: str, one: StrategyChronicle) -> StrategyView:
     n_solves, n_strict = int(one.outcomes.sum()), int(one.outcomes[0])
     n_paper = n_strict + int(one.outcomes[1])
     return StrategyView(
@@ -88,22 +88,22 @@ def _places(n: int, most: int) -> list[int]:
     return places
 
 
-def _chains(tally: Tally) -> list[ChainView]:
-    groups: defaultdict[tuple[int | None, int], list[StrategyTally]] = defaultdict(list)
-    for one in tally.strategies.values():
+def _chains(chronicle: Chronicle) -> list[ChainView]:
+    groups: defaultdict[tuple[int | None, int], list[StrategyChronicle]] = defaultdict(list)
+    for one in chronicle.strategies.values():
         groups[one.seed_k, one.k].append(one)
     order = sorted(groups, key=lambda pair: (-1 if pair[0] is None else pair[0], pair[1]))
-    return [_chain(tally, seed_k, k, groups[seed_k, k]) for seed_k, k in order]
+    return [_chain(chronicle, seed_k, k, groups[seed_k, k]) for seed_k, k in order]
 
 
-def _chain(tally: Tally, seed_k: int | None, k: int, group: Sequence[StrategyTally]) -> ChainView:
+def _chain(chronicle: Chronicle, seed_k: int | None, k: int, group: Sequence[StrategyChronicle]) -> ChainView:
     n_solves = sum(int(one.outcomes.sum()) for one in group)
     n_strict = sum(int(one.outcomes[0]) for one in group)
     seconds = sum(one.cpu_seconds for one in group)
     return ChainView(
         seed_k=seed_k,
         k=k,
-        n_seeds=0 if seed_k is None else len(tally.seeds[seed_k, k]),
+        n_seeds=0 if seed_k is None else len(chronicle.seeds[seed_k, k]),
         n_solves=n_solves,
         n_strict=n_strict,
         strict_ratio=_ratio(n_strict, n_solves),
@@ -111,9 +111,11 @@ def _chain(tally: Tally, seed_k: int | None, k: int, group: Sequence[StrategyTal
     )
 
 
-def _boxes(tally: Tally) -> list[BoxView]:
-    most = min(MOST_OF_BOX, MOST_OF_BOXES // max(1, len(tally.delta_v)))
-    groups = [(tally.strategies[name], name, days, values) for (name, days), values in tally.delta_v.items()]
+def _boxes(chronicle: Chronicle) -> list[BoxView]:
+    most = min(MOST_OF_BOX, MOST_OF_BOXES // max(1, len(chronicle.delta_v)))
+    groups = [
+        (chronicle.strategies[name], name, days, values) for (name, days), values in chronicle.delta_v.items()
+    ]
     groups.sort(key=lambda group: (_place(group[0]), group[2] is None, group[2] or 0.0))
     return [_box(one.k, name, days, np.sort(values), most) for one, name, days, values in groups]
 

@@ -12,7 +12,7 @@ from service.db.sampling import mixed
 from service.db.tables import JobRow, SearchRow, SolutionRow, SolveRow
 from service.hop_widths import widths
 from service.search_spec import SearchSpec
-from service.store.one_search import find_search
+from service.store.control import get_search_row
 from service.store.specs import search_spec
 
 #: Columns that an answer takes over as they are.
@@ -39,7 +39,7 @@ _SOLVES = (
 
 def hops_of_search(session: Session, campaign_id: int, name: str, limit: int, after: int) -> HopsView:
     """Return the solves of the chains that have got some after an id, or of chains drawn from all."""
-    campaign, row = find_search(session, campaign_id, name)
+    campaign, row = get_search_row(session, campaign_id, name)
     spec = search_spec(campaign, row)
     # Of all searches: that of one would have to be looked for among all of its solves.
     last = session.scalar(select(func.max(SolveRow.id))) or 0

@@ -2,36 +2,24 @@
 
 from typing import cast
 
-from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from core.search import HopSettings
-from service.api.schemas import CampaignState, CaseView, JobCounts, OutageView, SearchState
+from service.api.schemas import CampaignState, JobCounts, SearchState
 from service.api.search_schemas import BudgetView, LawsView, SearchDetail, SeedRules
-from service.db.tables import CampaignRow, CaseRow, SearchRow
+from service.db.tables import SearchRow
 from service.scheduler import plan
 from service.search_spec import SearchSpec
-from service.store.control import get_campaign_row
-from service.store.errors import UnknownRow
-from service.store.progress import numbers_of
+from service.store.control import get_search_row
+from service.store.progress import cases_of, numbers_of
 from service.store.specs import search_spec
-
-
-def find_search(session: Session, campaign_id: int, name: str) -> tuple[CampaignRow, SearchRow]:
-    """Return a campaign and its search of a name."""
-    campaign = get_campaign_row(session, campaign_id)
-    own = (SearchRow.campaign_id == campaign_id) & (SearchRow.name == name)
-    row = session.scalar(select(SearchRow).where(own))
-    if row is None:
-        raise UnknownRow("search", f"{name} of campaign {campaign_id}")
-    return campaign, row
 
 
 def get_search(session: Session, campaign_id: int, name: str) -> SearchDetail:
     """Return a search of a campaign."""
-    campaign, row = find_search(session, campaign_id, name)
+    campaign, row = get_search_row(session, campaign_id, name)
     spec = search_spec(campaign, row)
-    numbers = numbers_of(session, SearchRow.id == row.id)[row.id]
+    (numbers,) = numbers_of(session, SearchRow.id == row.id)
     levels, best = numbers.tallies.get("level", {}), numbers.best
     return SearchDetail(
         campaign_id=campaign.id,
@@ -45,7 +33,7 @@ def get_search(session: Session, campaign_id: int, name: str) -> SearchDetail:
         weight=row.weight,
         k=spec.k,
         seed_k=spec.seed_k,
-        cases=_cases(session, row, spec),
+        cases=cases_of(session, row, spec),
         hops=spec.hops,
         budget=BudgetView(guesses=spec.guesses, core_seconds=spec.core_seconds, solutions=spec.solutions),
         laws=None if spec.seeds else _laws(spec),
@@ -61,14 +49,6 @@ def get_search(session: Session, campaign_id: int, name: str) -> SearchDetail:
         best_solution_id=best.id if best else None,
         best_delta_v_km_s=best.delta_v_km_s if best else None,
     )
-
-
-def _cases(session: Session, row: SearchRow, spec: SearchSpec) -> list[CaseView]:
-    query = select(CaseRow.problem_hash).where(CaseRow.search_id == row.id).order_by(CaseRow.position)
-    return [
-        CaseView(problem_hash=problem_hash, outages=[OutageView(segment=n, duration_days=d) for n, d in case])
-        for problem_hash, case in zip(session.scalars(query), spec.outage_sets, strict=True)
-    ]
 
 
 def _laws(spec: SearchSpec) -> LawsView:

@@ -17,6 +17,7 @@ from service.api.schemas import (
 )
 from service.db.tables import CampaignRow, CaseRow, SearchRow, SolutionRow, SolveRow
 from service.scheduler import plan
+from service.scheduler.states import ENDED
 from service.search_spec import SearchSpec
 from service.store.errors import UnknownRow
 from service.store.specs import search_spec, spec_of
@@ -28,12 +29,18 @@ RATE_WINDOW_S = 300.0
 
 def list_campaigns(session: Session, limit: int = 200) -> list[CampaignItem]:
     """Return the campaigns, the newest first."""
+    return [
+        CampaignItem(**item_fields(row, numbers)) for row, numbers in campaigns_in_numbers(session, limit)
+    ]
+
+
+def campaigns_in_numbers(session: Session, limit: int) -> list[tuple[CampaignRow, "list[Numbers]"]]:
+    """Return the campaigns, the newest first, with the numbers of their searches in order."""
     rows = session.scalars(select(CampaignRow).order_by(CampaignRow.id.desc()).limit(limit)).all()
-    numbers = numbers_of(session, SearchRow.campaign_id.in_([row.id for row in rows]))
     of_campaign: dict[int, list[Numbers]] = {row.id: [] for row in rows}
-    for one in numbers.values():
+    for one in numbers_of(session, SearchRow.campaign_id.in_(of_campaign)):
         of_campaign[one.row.campaign_id].append(one)
-    return [CampaignItem(**_item(row, of_campaign[row.id])) for row in rows]
+    return [(row, of_campaign[row.id]) for row in rows]
 
 
 def get_campaign(session: Session, campaign_id: int, now: float) -> CampaignView:
@@ -41,17 +48,16 @@ def get_campaign(session: Session, campaign_id: int, now: float) -> CampaignView
     campaign = session.get(CampaignRow, campaign_id)
     if campaign is None:
         raise UnknownRow("campaign", campaign_id)
-    numbers = sorted(
-        numbers_of(session, SearchRow.campaign_id == campaign_id).values(), key=lambda one: one.row.position
-    )
+    numbers = numbers_of(session, SearchRow.campaign_id == campaign_id)
     searches = [_search(session, campaign, one) for one in numbers]
     rate = _rate_per_min(session, campaign, now)
+    planned = [search.n_guesses_planned for search in searches]
     return CampaignView(
-        **_item(campaign, numbers),
+        **item_fields(campaign, numbers),
         problem=spec_of(campaign).problem.model_dump(mode="json"),
         searches=searches,
         rate_per_min=rate,
-        eta_seconds=_eta_seconds(searches, rate, campaign.state),
+        eta_seconds=eta_seconds(campaign, numbers, planned, rate),
         elapsed_seconds=(campaign.finished_at or now) - campaign.created_at,
         cpu_seconds=sum(search.cpu_seconds for search in searches),
     )
@@ -68,11 +74,13 @@ class Numbers(NamedTuple):
     best: SolutionRow | None
 
 
-def numbers_of(session: Session, wanted: ColumnElement[bool]) -> dict[int, Numbers]:
-    """Return the numbers of some searches by their ids."""
+def numbers_of(session: Session, wanted: ColumnElement[bool]) -> list[Numbers]:
+    """Return the numbers of some searches, in order of campaign and position."""
     jobs, counted, best = job_states(session, wanted), tallies(session, wanted), _best(session, wanted)
-    rows = session.scalars(select(SearchRow).where(wanted))
-    return {row.id: Numbers(row, jobs[row.id], counted.get(row.id, {}), best.get(row.id)) for row in rows}
+    rows = session.scalars(
+        select(SearchRow).where(wanted).order_by(SearchRow.campaign_id, SearchRow.position)
+    )
+    return [Numbers(row, jobs[row.id], counted.get(row.id, {}), best.get(row.id)) for row in rows]
 
 
 def _best(session: Session, wanted: ColumnElement[bool]) -> dict[int, SolutionRow]:
@@ -97,7 +105,8 @@ def _best(session: Session, wanted: ColumnElement[bool]) -> dict[int, SolutionRo
     return {search_id: solution for search_id, solution in session.execute(query)}
 
 
-def _item(campaign: CampaignRow, numbers: Sequence[Numbers]) -> dict[str, Any]:
+def item_fields(campaign: CampaignRow, numbers: Sequence[Numbers]) -> dict[str, Any]:
+    """Return what lists show of a campaign, in the names of `CampaignItem`."""
     counts = summed(one.jobs for one in numbers)
     found = summed(one.tallies.get("solution", {}) for one in numbers)
     return {
@@ -128,7 +137,7 @@ def _search(session: Session, campaign: CampaignRow, numbers: Numbers) -> Search
         priority=row.priority,
         weight=row.weight,
         k=spec.k,
-        cases=_cases(session, row, spec),
+        cases=cases_of(session, row, spec),
         mapping=", ".join(spec.mapping) if spec.seeds else None,
         seeds_from=spec.seeds.full_name if spec.seeds else None,
         jobs=JobCounts(**numbers.jobs),
@@ -148,7 +157,8 @@ def _search(session: Session, campaign: CampaignRow, numbers: Numbers) -> Search
     )
 
 
-def _cases(session: Session, row: SearchRow, spec: SearchSpec) -> list[CaseView]:
+def cases_of(session: Session, row: SearchRow, spec: SearchSpec) -> list[CaseView]:
+    """Return the problems that a search is about."""
     query = select(CaseRow.problem_hash).where(CaseRow.search_id == row.id).order_by(CaseRow.position)
     return [
         CaseView(problem_hash=problem_hash, outages=[OutageView(segment=n, duration_days=d) for n, d in case])
@@ -164,11 +174,13 @@ def _rate_per_min(session: Session, campaign: CampaignRow, now: float) -> float:
     return 60.0 * n_recent / window
 
 
-def _eta_seconds(searches: list[SearchView], rate_per_min: float, state: str) -> float | None:
-    if state == "done":
+def eta_seconds(
+    campaign: CampaignRow, numbers: Sequence[Numbers], planned: Sequence[int | None], rate_per_min: float
+) -> float | None:
+    """Return how long a campaign still takes at a rate, from what its searches have planned [s]."""
+    if campaign.state in ENDED:
         return 0.0
-    planned = [search.n_guesses_planned for search in searches]
-    if rate_per_min == 0.0 or None in planned:
+    going_on = [(one.row, n) for one, n in zip(numbers, planned, strict=True) if one.row.state not in ENDED]
+    if rate_per_min == 0.0 or campaign.state == "paused" or any(n is None for _, n in going_on):
         return None
-    left = sum(max(0, (s.n_guesses_planned or 0) - s.n_solves) for s in searches if s.state != "done")
-    return 60.0 * left / rate_per_min
+    return 60.0 * sum(max(0, (n or 0) - row.n_solves) for row, n in going_on) / rate_per_min

@@ -43,11 +43,11 @@ from service.store import (
     workers,
 )
 from service.store.activity import Activity
+from service.store.chronicles import Chronicles
 from service.store.control import Verb
 from service.store.errors import StoreError, UnknownRow
 from service.store.filter import Filter
 from service.store.gauges import Gauges, require_writable
-from service.store.histories import Histories
 from service.store.identity import Identities
 from service.store.page import Begin, Order
 from service.store.seeds import SeedsWanted
@@ -77,7 +77,7 @@ class Store:
         self.gauges = Gauges(self._database, clock, leases.lease_s)
         #: Searches hop by hop, attempts and the queue.
         self.activity = Activity(self._database, clock, leases)
-        self._histories = Histories(self._database)
+        self._chronicles = Chronicles(self._database)
 
     def __enter__(self) -> Self:
         """Give the store; it is closed at the end of the block."""
@@ -196,11 +196,11 @@ class Store:
     def campaign_cards(self) -> list[CampaignCard]:
         """Return the campaigns with how far they are and what they have found, the newest first."""
         now = self._clock()
-        return self._histories.ask(lambda session, known: cards.campaign_cards(session, known, now))
+        return self._chronicles.ask(lambda session, known: cards.campaign_cards(session, known, now))
 
     def campaign_history(self, campaign_id: int) -> HistoryView:
         """Return how a campaign came to what it has found."""
-        return self._histories.ask(
+        return self._chronicles.ask(
             lambda session, known: history.campaign_history(session, known, campaign_id)
         )
 

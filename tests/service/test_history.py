@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from service.spec import spec_from
-from service.store import Store, histories
+from service.store import Store, chronicles
 from service.store.bins import MOST_BINS, OutcomeBins
 from service.store.cards import sparkline
-from service.store.tally import Step
+from service.store.chronicle import Step
 from tests.service.campaigns import dispatcher_on, finish, spec_fields
 from tests.workers.fake import run_fake
 from workers.inline import Inline
@@ -53,8 +53,8 @@ def test_steps_only_improve_and_end_with_the_best_of_the_strategy(finished, clie
 
 def test_a_tally_read_in_pieces_is_that_read_at_once(finished, monkeypatch):
     whole = finished.campaign_history(1)
-    monkeypatch.setattr(histories, "_SOLVES", histories._SOLVES.limit(3))
-    monkeypatch.setattr(histories, "CHUNK", 3)
+    monkeypatch.setattr(chronicles, "_SOLVES", chronicles._SOLVES.limit(3))
+    monkeypatch.setattr(chronicles, "CHUNK", 3)
     with Store(finished.folder, read_only=True) as again:
         assert again.campaign_history(1) == whole
 
@@ -71,9 +71,9 @@ def test_new_solves_are_added_to_those_that_are_known(store):
 
 
 def test_a_long_answer_stops_reading_and_says_how_far_it_is(finished, monkeypatch):
-    monkeypatch.setattr(histories, "_SOLVES", histories._SOLVES.limit(2))
-    monkeypatch.setattr(histories, "CHUNK", 2)
-    monkeypatch.setattr(histories, "PATIENCE_S", 0.0)
+    monkeypatch.setattr(chronicles, "_SOLVES", chronicles._SOLVES.limit(2))
+    monkeypatch.setattr(chronicles, "CHUNK", 2)
+    monkeypatch.setattr(chronicles, "PATIENCE_S", 0.0)
     with Store(finished.folder, read_only=True) as again:
         first = again.campaign_history(1)
         assert first.n_read == 2 < first.n_solves

@@ -40,6 +40,20 @@ export function get(path, query) {
 }
 
 /**
+ * Return what a route has, or null where the name in its path is that of nothing, or is none.
+ * @param {string} path
+ * @returns {Promise<any>}
+ */
+export async function find(path) {
+  try {
+    return await get(path);
+  } catch (error) {
+    if (error instanceof ApiError && (error.status === 404 || error.status === 422)) return null;
+    throw error;
+  }
+}
+
+/**
  * @param {string} path
  * @param {unknown} [body] sent as JSON
  * @param {Record<string, string>} [headers]

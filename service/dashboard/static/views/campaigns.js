@@ -67,13 +67,11 @@ function shortened(strategies) {
 
 /** @param {Card} card */
 function progress(card) {
-  const isPart = card.n_read < card.n_solves;
-  const words = `${ofPlanned(card.n_solves, card.n_guesses_planned)}${isPart ? `; by outcome the first ${number(card.n_read, 0)}` : ""}`;
   return el(
     "div",
     { class: "progress" },
     outcomeBar(card.outcomes, card.n_guesses_planned, `${card.name}: guesses solved`),
-    el("ul", { class: "outcomes" }, el("li", { class: "total" }, words), outcomeList(card.outcomes)),
+    el("ul", { class: "outcomes" }, el("li", { class: "total" }, ofPlanned(card.n_solves, card.n_guesses_planned)), outcomeList(card.outcomes)),
   );
 }
 

@@ -1,7 +1,7 @@
 // @ts-check
 /** A comparison: up to four solutions side by side, named by the address. */
 
-import { ApiError, get } from "../api.js";
+import { ApiError, find, get } from "../api.js";
 import { MOST, idsOfAddress } from "../archive/choice.js";
 import { showNumbers } from "../compare/numbers.js";
 import { Overlay } from "../compare/overlay.js";
@@ -52,14 +52,11 @@ function none(areUnknown) {
 async function side(id) {
   const mine = known.get(id);
   if (mine) return mine;
-  try {
-    const read = { id, record: await get(`/solutions/${id}`), flight: null };
-    known.set(id, read);
-    return read;
-  } catch (error) {
-    if (error instanceof ApiError && (error.status === 404 || error.status === 422)) return null;
-    throw error;
-  }
+  const record = await find(`/solutions/${id}`);
+  if (!record) return null;
+  const read = { id, record, flight: null };
+  known.set(id, read);
+  return read;
 }
 
 /** @param {Side[]} sides */

@@ -1,7 +1,7 @@
 // @ts-check
 /** One problem: what is solved, under which outages, how it looks to the solver, and what was found. */
 
-import { ApiError, get } from "../api.js";
+import { find, get } from "../api.js";
 import { ChanceFigures } from "../chances.js";
 import { byId, el, fill } from "../dom.js";
 import { number, outages, shortId } from "../format.js";
@@ -34,7 +34,7 @@ let family;
  */
 async function refresh(events, isAll) {
   if (!problem) {
-    problem = await read(`/problems/${hash}`);
+    problem = await find(`/problems/${hash}`);
     if (!problem) return showEmpty(...unknown());
     showProblem();
     // Its counts take a moment the first time; the words do not wait for them.
@@ -54,16 +54,6 @@ async function draw() {
   const first = family.best[0];
   const arc = first ? first.initial_coast_days + first.shooting_days : null;
   await chances.show(structure, arc, problem.outages.map((/** @type {any} */ outage) => outage.duration_days));
-}
-
-/** @param {string} path */
-async function read(path) {
-  try {
-    return await get(path);
-  } catch (error) {
-    if (error instanceof ApiError && (error.status === 404 || error.status === 422)) return null;
-    throw error;
-  }
 }
 
 function unknown() {

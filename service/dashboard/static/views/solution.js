@@ -1,7 +1,7 @@
 // @ts-check
 /** One solution: its flight, its defects, where it came from, and how to find it again. */
 
-import { ApiError, get } from "../api.js";
+import { find, get } from "../api.js";
 import { DefectFigure, showDefectTable } from "../defects.js";
 import { byId, el, fill } from "../dom.js";
 import { dateOf } from "../flight.js";
@@ -26,7 +26,7 @@ let flying = Promise.resolve();
  */
 async function refresh(events, isAll) {
   if (!record) {
-    const [found, known] = await Promise.all([read(`/solutions/${id}`), read(`/solutions/${id}/lineage`)]);
+    const [found, known] = await Promise.all([find(`/solutions/${id}`), find(`/solutions/${id}/lineage`)]);
     if (!found || !known) return showEmpty(...unknown());
     record = found;
     showRecord();
@@ -37,17 +37,6 @@ async function refresh(events, isAll) {
     flying = flight.load(id, (day) => dateOf(record, day));
   } else if (isAll || events.some(({ kind }) => kind === "solution")) {
     lineage.show(await get(`/solutions/${id}/lineage`));
-  }
-}
-
-/** @param {string} path */
-async function read(path) {
-  try {
-    return await get(path);
-  } catch (error) {
-    // An id that nothing has, or that is none.
-    if (error instanceof ApiError && (error.status === 404 || error.status === 422)) return null;
-    throw error;
   }
 }
 

@@ -1,4 +1,4 @@
-"""The tallies of all campaigns, brought up to date with every question about them.
+"""The chronicles of all campaigns, brought up to date with every question about them.
 
 A solve is stored once and never changed, and the one writer stores them in order of id; so each is read
 once in the life of a process, and a page that asks every second costs what is new.  After a start there may
@@ -16,9 +16,9 @@ from sqlalchemy.orm import Session
 
 from service.db.engine import Database
 from service.db.tables import CampaignRow, JobRow, SearchRow, SolutionRow, SolveRow
+from service.store.chronicle import Chronicle, Found, SearchFacts, Solves
 from service.store.outcomes import outcome_number
 from service.store.specs import search_spec
-from service.store.tally import Found, SearchFacts, Solves, Tally
 
 T = TypeVar("T")
 
@@ -54,25 +54,25 @@ _SEEDS = (
 )
 
 
-class Histories:
-    """The tallies of one archive."""
+class Chronicles:
+    """The chronicles of one archive."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
         self._lock = threading.Lock()
         self._last_solve = 0
         self._searches: dict[int, SearchFacts] = {}
-        self._tallies: dict[int, Tally] = {}
+        self._chronicles: dict[int, Chronicle] = {}
 
-    def ask(self, question: Callable[[Session, "Histories"], T]) -> T:
-        """Bring the tallies up to date, as far as there is time, and ask something about them."""
+    def ask(self, question: Callable[[Session, "Chronicles"], T]) -> T:
+        """Bring the chronicles up to date, as far as there is time, and ask something about them."""
         with self._lock, self._database.read() as session:
             self._read_on(session)
             return question(session, self)
 
-    def tally(self, campaign: CampaignRow) -> Tally:
-        """Return the tally of a campaign."""
-        return self._tallies.setdefault(campaign.id, Tally(campaign.created_at))
+    def chronicle(self, campaign: CampaignRow) -> Chronicle:
+        """Return the chronicle of a campaign."""
+        return self._chronicles.setdefault(campaign.id, Chronicle(campaign.created_at))
 
     def _read_on(self, session: Session) -> None:
         end = time.monotonic() + PATIENCE_S
@@ -97,10 +97,10 @@ class Histories:
         for solve_id, search_id, delta_v, solution_id, strict, at in solutions:
             search = self._searches[search_id]
             found = Found(solution_id, strict, delta_v, at, spent[solve_id])
-            self._tallies[search.campaign_id].add_solution(search, found)
+            self._chronicles[search.campaign_id].add_solution(search, found)
         for search_id, seed_id in seeds:
             search = self._searches[search_id]
-            self._tallies[search.campaign_id].add_seed(search, seed_id or "")
+            self._chronicles[search.campaign_id].add_seed(search, seed_id or "")
         return len(rows)
 
     def _add_solves(self, columns: Any) -> dict[int, float]:
@@ -110,7 +110,7 @@ class Histories:
             ids = [one.id for one in self._searches.values() if (one.campaign_id, one.strategy) == strategy]
             own = columns[np.isin(columns[:, 1], ids)]
             solves = Solves(own[:, 0].astype(np.int64), own[:, 2].astype(np.int64), own[:, 3], own[:, 4])
-            after = self._tallies[strategy[0]].add_solves(self._searches[ids[0]], solves)
+            after = self._chronicles[strategy[0]].add_solves(self._searches[ids[0]], solves)
             spent.update(zip(solves.id.tolist(), after.tolist(), strict=True))
         return spent
 
@@ -129,7 +129,7 @@ class Histories:
         )
         for row, campaign in session.execute(query):
             self._searches[row.id] = _facts(row, campaign)
-            self.tally(campaign)
+            self.chronicle(campaign)
 
 
 def _facts(row: SearchRow, campaign: CampaignRow) -> SearchFacts:

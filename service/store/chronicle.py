@@ -1,7 +1,7 @@
 """What a campaign has found so far, kept in memory and brought up to date solve by solve.
 
-A tally holds counts, sums, the moments of improvement and the delta-v of all solutions; it is made from the
-rows of `service.store.histories`, in the order in which they were stored.
+A chronicle holds counts, sums, the moments of improvement and the delta-v of all solutions; it is made from
+the rows of `service.store.chronicles`, in the order in which they were stored.
 """
 
 from array import array
@@ -62,7 +62,7 @@ class Step(NamedTuple):
 
 
 @dataclass(slots=True)
-class StrategyTally:
+class StrategyChronicle:
     """The solves of one strategy, and when its best improved."""
 
     k: int
@@ -72,31 +72,29 @@ class StrategyTally:
     steps: list[Step] = field(default_factory=list)
 
 
-class Tally:
+class Chronicle:
     """The solves of one campaign."""
 
     def __init__(self, created_at: float) -> None:
         self.bins = OutcomeBins(created_at)
-        self.strategies: dict[str, StrategyTally] = {}
+        self.strategies: dict[str, StrategyChronicle] = {}
         #: Improvements over all strategies, against time.
         self.steps: list[Step] = []
         #: Of different strict solutions, by strategy and duration of the outages.
         self.delta_v: defaultdict[tuple[str, float | None], array[float]] = defaultdict(lambda: array("d"))
         #: Seeds that were tried, by (k', k).
         self.seeds: defaultdict[tuple[int, int], set[str]] = defaultdict(set)
-        self.n_solutions = 0
         self._known: set[str] = set()
         self._recent: Counter[int] = Counter()
 
     @property
-    def outcomes(self) -> dict[str, int]:
-        """How many solves ended how."""
-        total = sum((one.outcomes for one in self.strategies.values()), np.zeros(len(OUTCOMES), np.int64))
-        return dict(zip(OUTCOMES, total.tolist(), strict=True))
+    def n_solves(self) -> int:
+        """How many solves it has taken in."""
+        return sum(int(one.outcomes.sum()) for one in self.strategies.values())
 
     def add_solves(self, search: SearchFacts, solves: Solves) -> NDArray[np.float64]:
         """Count solves of a search; return what its strategy had spent after each of them [s]."""
-        strategy = self.strategies.setdefault(search.strategy, StrategyTally(search.k, search.seed_k))
+        strategy = self.strategies.setdefault(search.strategy, StrategyChronicle(search.k, search.seed_k))
         strategy.outcomes += np.bincount(solves.outcome, minlength=len(OUTCOMES))
         spent = strategy.cpu_seconds + np.cumsum(solves.cpu_seconds)
         strategy.cpu_seconds = float(spent[-1])
@@ -109,7 +107,6 @@ class Tally:
         """Take in a solution, and say when it was better than all before it."""
         if found.solution_id not in self._known:
             self._known.add(found.solution_id)
-            self.n_solutions += 1
             if found.strict:
                 self.delta_v[search.strategy, search.duration_days].append(found.delta_v_km_s)
         if found.strict:
