@@ -105,9 +105,10 @@ RIGHTS: dict[str, frozenset[Role] | None] = {
 }
 #: Answers that stay open; how many of them a token may have is limited.
 STREAMS = frozenset({f"GET {_API}/campaigns/{{}}/events", f"GET {_API}/events/stream"})
-#: Not said again in the audit, whose rest they would bury: changes whose trail is the attempt table, and a
-#: question that is asked as somebody types and changes nothing.
-UNLOGGED = {f"POST {_API}/specs/check", *(line for line, roles in RIGHTS.items() if roles == WORKERS)}
+#: Asked by POST for the size of what they are asked about; they change nothing.
+QUESTIONS = frozenset({f"POST {_API}/specs/check"})
+#: Left out of the audit, whose rest they would bury: questions, and changes whose trail is the attempts.
+UNLOGGED = QUESTIONS | {line for line, roles in RIGHTS.items() if roles == WORKERS}
 
 
 def line_of(method: str, template: str) -> str:
