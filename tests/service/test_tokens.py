@@ -4,6 +4,7 @@ import sqlite3
 import pytest
 from fastapi.testclient import TestClient
 
+from service.api import events
 from service.api.jobs import HEARTBEAT
 from service.app import create_app
 from service.rights import ANYONE, QUESTIONS, RIGHTS, Role, least
@@ -40,7 +41,9 @@ def store(tmp_path, clock):
 
 
 @pytest.fixture
-def client(store):
+def client(store, monkeypatch):
+    # A stream that is asked for its status alone need not stay open.
+    monkeypatch.setattr(events, "LIFETIME_S", 0.0)
     app = create_app(store, access=CLOSED)
     with TestClient(app, base_url=URL, raise_server_exceptions=False, follow_redirects=False) as opened:
         yield opened
