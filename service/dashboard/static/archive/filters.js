@@ -33,6 +33,8 @@ export class Filters {
     this.form.addEventListener("submit", (event) => event.preventDefault());
     this.form.addEventListener("change", (event) => this.changed(/** @type {HTMLInputElement} */ (event.target)));
     this.shown = "";
+    /** @type {import("../api.js").Query} what the fields were filled with */
+    this.filter = {};
   }
 
   /**
@@ -42,9 +44,12 @@ export class Filters {
   show(choices) {
     const filter = filterOfAddress();
     const seen = JSON.stringify([choices, filter]);
-    if (seen === this.shown) return;
+    const field = /** @type {HTMLInputElement | null} */ (this.form.querySelector("input:focus, select:focus"));
+    const focused = field?.name;
+    // What somebody is typing stays; its change will come back here.
+    if (seen === this.shown || (focused && field.value !== String(this.filter[focused] ?? ""))) return;
     this.shown = seen;
-    const focused = /** @type {HTMLInputElement | null} */ (this.form.querySelector(":focus"))?.name;
+    this.filter = filter;
     const isOpen = this.form.querySelector("details")?.open || BOUNDS.slice(2 * MAIN.length).some((name) => filter[name]);
     const others = AXES.filter(({ key }) => !MAIN.includes(key));
     fill(
