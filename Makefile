@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test browser same chaos lint clean
+.PHONY: run test browser pages same chaos lint clean
 
 run: $(VENV)/.installed
 	$(BIN)/coastarc run examples/quick.toml
@@ -23,6 +23,10 @@ chaos: $(VENV)/.installed-test
 
 browser: $(VENV)/.installed-test
 	COASTARC_REQUIRE_BROWSER=1 $(BIN)/python -m pytest -m '' tests/browser
+
+# What the pages cost on an archive of 10,000 solves, as JSON; or PAGES="--solves 1000000 --minutes 60".
+pages: $(VENV)/.installed-test
+	$(BIN)/python -m tests.browser.measure $(PAGES)
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .

@@ -1,0 +1,141 @@
+"""What the pages cost on an archive of any size, printed as JSON: `make pages`.
+
+`python -m tests.browser.measure --solves 1000000 --minutes 60` fills an archive with made-up solves, serves
+it from another process, opens each page three times, and then leaves one campaign's page open while
+simulated workers hand in outcomes; its heap is measured after a collection of garbage.
+"""
+
+import argparse
+import json
+import multiprocessing
+import platform
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from playwright.sync_api import sync_playwright
+
+from service.bench_archive import fill
+from service.bench_load import Load, run_workers
+from service.bench_machine import machine
+from service.bench_probe import campaign
+from service.spec import spec_from
+from tests.browser.conftest import CHROMIUM, FLAGS
+from workers.job import WorkerInfo
+
+PAGES = {
+    "campaigns": "/",
+    "campaign": "/campaigns/1",
+    "search": "/campaigns/1/searches/s0",
+    "archive": "/archive?campaign=1",
+    "workers": "/workers",
+}
+VISITS = 3
+SENT = (
+    "performance.getEntriesByType('navigation').concat(performance.getEntriesByType('resource'))"
+    ".reduce((sum, entry) => sum + entry.encodedBodySize, 0)"
+)
+PAINT = "performance.getEntriesByName('first-contentful-paint')[0].startTime"
+
+
+@contextmanager
+def served(folder):
+    """Serve a folder from another process; give what it says of itself."""
+    command = [sys.executable, "-m", "service.bench_server", str(folder)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as server:
+        yield json.loads(server.stdout.readline())
+        server.stdin.close()
+
+
+def visit(browser, url):
+    """Return what one visit took, in a browser without a cache of files."""
+    context = browser.new_context(viewport={"width": 1280, "height": 900})
+    page = context.new_page()
+    began = time.monotonic()
+    page.goto(url)
+    page.wait_for_selector("body[data-refreshed]", timeout=300_000)
+    shown = time.monotonic() - began
+    found = {"first_paint_ms": page.evaluate(PAINT), "shown_s": shown, "sent_bytes": page.evaluate(SENT)}
+    context.close()
+    return found
+
+
+def visits(browser, url):
+    """Return the medians of some visits."""
+    every = [visit(browser, url) for _ in range(VISITS)]
+    return {name: statistics.median(one[name] for one in every) for name in every[0]}
+
+
+@contextmanager
+def load(told, rate_per_s):
+    """Have simulated workers hand in so many outcomes a second."""
+    info = WorkerInfo(
+        name="simulated", host="localhost", executor="inline", slots=1,
+        code_version="0+simulated", python_version=platform.python_version(),
+    )  # fmt: skip
+    context = multiprocessing.get_context("spawn")
+    n_done, stop, results = context.Value("q", 0), context.Event(), context.Queue()
+    told = Load(told["url"], told["token"], info, 4, 4, rate_per_s, 0.3)
+    workers = context.Process(target=run_workers, args=(told, n_done, stop, results), daemon=True)
+    workers.start()
+    yield n_done
+    stop.set()
+    results.get(timeout=60)
+    workers.join(60)
+
+
+def growth(browser, told, minutes, rate_per_s):
+    """Return the heap and the elements of a campaign's page, by time, while outcomes come in."""
+    page = browser.new_context(viewport={"width": 1280, "height": 900}).new_page()
+    page.goto(told["url"] + "/campaigns/1")
+    page.wait_for_selector("body[data-refreshed]", timeout=300_000)
+    tools = page.context.new_cdp_session(page)
+    samples = []
+    with load(told, rate_per_s) as n_done:
+        while not n_done.value:
+            page.wait_for_timeout(100)
+        began = time.monotonic()
+        for share in np.linspace(0.0, 1.0, 13):
+            page.wait_for_timeout(max(0.0, 1e3 * (began + 60.0 * minutes * share - time.monotonic())))
+            tools.send("HeapProfiler.collectGarbage")
+            samples.append({
+                "minutes": (time.monotonic() - began) / 60.0,
+                "n_outcomes": n_done.value,
+                "heap_mb": tools.send("Runtime.getHeapUsage")["usedSize"] / 1e6,
+                "n_nodes": tools.send("Memory.getDOMCounters")["nodes"],
+            })  # fmt: skip
+    page.context.close()
+    return samples
+
+
+def main():
+    """Measure, and print."""
+    wanted = argparse.ArgumentParser(description=__doc__)
+    wanted.add_argument("--solves", type=int, default=10_000, help="in the archive; 0.3 of them solutions")
+    wanted.add_argument("--minutes", type=float, default=0.0, help="how long outcomes come in; 0: not at all")
+    wanted.add_argument("--rate", type=float, default=2.0, help="outcomes a second")
+    wanted.add_argument("--folder", type=Path, help="where the archive is made, or lies from an earlier run")
+    asked = wanted.parse_args()
+    with tempfile.TemporaryDirectory() as temporary, sync_playwright() as playwright:
+        folder = asked.folder or Path(temporary)
+        if not (folder / "coastarc.db").exists():
+            spec = spec_from(campaign("bench", 10_000_000, 1))
+            fill(folder, spec, asked.solves, np.random.default_rng(1), is_done=False)
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        with served(folder) as told:
+            found = {"machine": machine(), "n_solves": asked.solves, "pages": {}}
+            for name, path in PAGES.items():
+                found["pages"][name] = visits(browser, told["url"] + path)
+            if asked.minutes:
+                found["growth"] = growth(browser, told, asked.minutes, asked.rate)
+        browser.close()
+    sys.stdout.write(json.dumps(found, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main()
