@@ -18,6 +18,7 @@ from service.api import schemas
 from service.api.history_schemas import CampaignCards
 from service.api.lineage_schemas import Reproduction
 from service.store.seeds import SeedsWanted
+from workers.certificate import CertificateDocument
 from workers.client import TIMEOUT_S, Api, ApiError, Rejected
 from workers.source import Unreachable
 
@@ -72,6 +73,7 @@ ROUTES = {
     ),
     "record": Route("GET", "/solutions/{solution_id}", schemas.RecordWithVector),
     "reproduction": Route("GET", "/solutions/{solution_id}/reproduction", Reproduction),
+    "certificate": Route("GET", "/solutions/{solution_id}/certificate", CertificateDocument),
     "seeds": Route("GET", "/seeds", schemas.SeedPage, _SEEDS),
     "jobs": Route("GET", "/jobs", schemas.JobPage, ("campaign", "search", "state", "limit", "after")),
     "job": Route("GET", "/jobs/{job_id}", schemas.JobView),
@@ -183,6 +185,10 @@ class Client:
     def reproduction(self, solution_id: str) -> Reproduction:
         """Return the job that found a solution, and what it gave."""
         return self._ask("reproduction", Reproduction, solution_id=solution_id)
+
+    def certificate(self, solution_id: str) -> CertificateDocument:
+        """Return the certificate of a solution."""
+        return self._ask("certificate", CertificateDocument, solution_id=solution_id)
 
     def seeds_of_search(self, campaign_id: int, search: str, wanted: SeedsWanted) -> schemas.SeedPage:
         """Return what would seed a search, and how."""

@@ -157,7 +157,7 @@ class Trajectory(Message):
 
 
 class Certificate(Message):
-    """What the independent re-flight of a solution found."""
+    """The verifier's verdict on a solve, as it is stored with it; `workers.certificate` says far more."""
 
     paper: bool
     strict: bool

@@ -17,7 +17,7 @@ from core.constants import RADIUS_EARTH_KM, RADIUS_MOON_KM, SECONDS_PER_DAY
 
 #: Name and radius [km] of the bodies that are watched, by NAIF id.
 WATCHED = {EARTH: ("Earth", RADIUS_EARTH_KM), MOON: ("Moon", RADIUS_MOON_KM)}
-#: A step is searched in so many parts; it spans less than a tenth of a revolution, so each turns once at most.
+#: A step is searched in so many parts: it spans less than a tenth of a revolution, so each turns once.
 PARTS = 4
 #: What the time of a root may be off by [s].
 TIME_TOLERANCE_S = 1e-6

@@ -93,8 +93,8 @@ def certify(problem: Problem, x: Array, min_altitude_km: float = 0.0) -> Certifi
     Returns
     -------
     Certification
-        The verdict, and for each trajectory its closest approaches [km], how far from the target it arrives if
-        nothing is corrected [km, km/s], and its masses [kg].
+        The verdict, and for each trajectory its closest approaches [km], how far from the target it arrives
+        if nothing is corrected [km, km/s], and its masses [kg].
 
     Raises
     ------

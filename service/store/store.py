@@ -43,6 +43,7 @@ from service.store import (
     workers,
 )
 from service.store.activity import Activity
+from service.store.certificates import Certificates
 from service.store.chronicles import Chronicles
 from service.store.control import Verb
 from service.store.errors import StoreError, UnknownRow
@@ -77,6 +78,8 @@ class Store:
         self.gauges = Gauges(self._database, clock, leases.lease_s)
         #: Searches hop by hop, attempts and the queue.
         self.activity = Activity(self._database, clock, leases)
+        #: What independent flights certify.
+        self.certificates = Certificates(self._database)
         self._chronicles = Chronicles(self._database)
 
     def __enter__(self) -> Self:
