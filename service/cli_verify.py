@@ -40,8 +40,8 @@ def verify_command(
 ) -> None:
     """Fly solutions again by an independent integrator, and store a certificate of each.
 
-    Exit code 1 if one fails: its defects hold no tolerance, or a looser one than archived, or it passes too low.
-    After an interruption all that was done is kept; with --stale the same command goes on with the rest.
+    Exit code 1 if one fails: its defects hold no tolerance, or a looser one than archived; or it passes low.
+    After an interruption what was done is kept, and with --stale the same command goes on with the rest.
     """
     with Store(data) as store:
         ids = wanted_ids(store, solution or [], campaign, is_all)

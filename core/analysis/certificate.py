@@ -6,7 +6,7 @@ added by those who store it.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from core.analysis.approaches import Approach, Closest
 from core.analysis.halves import Plan, departure_of, fly_all, pilot_of, plans_of
@@ -66,7 +66,7 @@ class Certification:
     marks: tuple[Mark, ...]
 
     @property
-    def level(self) -> str:
+    def level(self) -> Literal["strict", "paper", "none"]:
         """strict, paper or none."""
         found = self.verification
         return "strict" if found.strict else "paper" if found.paper else "none"
@@ -110,10 +110,14 @@ def certify(problem: Problem, x: Array, min_altitude_km: float = 0.0) -> Certifi
     flights = fly_all(pilot, problem, plans, naif_id, planned)
     flown_through = fly_through(pilot, problem, plans, naif_id, through)
     trajectories = tuple(
-        FlownAgain(outage, *(watch.approaches for watch in watches), flown, _mass(problem, pilot, plans, i))
-        for i, (outage, *watches, flown) in enumerate(
-            zip((None, *problem.outages), planned, through, flown_through, strict=True)
+        FlownAgain(
+            outage=problem.outages[i - 1] if i else None,
+            closest=planned[i].approaches,
+            closest_through=through[i].approaches,
+            through=flown_through[i],
+            mass=_mass(problem, pilot, plans, i),
         )
+        for i in range(len(plans))
     )
     return Certification(
         verification=weighed(problem, plans, flights, kernel, pilot.n_evaluations),

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import or_, select
+from sqlalchemy import not_, or_, select
 from sqlalchemy.orm import Session
 
 from service.db.engine import Database
@@ -53,7 +53,7 @@ class Certificates:
 
     def sound_on(self, basis: str) -> set[str]:
         """Return the solutions found sound, and no worse than archived, on a basis."""
-        is_no_worse = or_(CertificateRow.level == "strict", SolutionRow.strict.is_not(True))
+        is_no_worse = or_(CertificateRow.level == "strict", not_(SolutionRow.strict))
         found = (
             select(CertificateRow.solution_id)
             .join(SolutionRow, SolutionRow.id == CertificateRow.solution_id)
