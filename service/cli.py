@@ -28,6 +28,7 @@ from service.cli_options import (
     console,
     print_json,
 )
+from service.cli_refine import refine_command
 from service.cli_report import report
 from service.cli_reproduce import reproduce_command
 from service.cli_run import announce, crew_of, run_to_end, serve_until_interrupted
@@ -38,6 +39,7 @@ from service.coordinator import Coordinator, CoordinatorError, Crew
 from service.db.engine import DatabaseError
 from service.doctor import check_all
 from service.lock import LockError
+from service.refine import RefineError
 from service.resolve import require_flyable
 from service.security import BindError
 from service.settings import SettingsError
@@ -68,6 +70,7 @@ USER_ERRORS = (
     ApiError,
     SourceError,
     VerificationError,
+    RefineError,
 )
 
 app = typer.Typer(
@@ -80,6 +83,7 @@ solutions = typer.Typer(help="Look at solutions.", no_args_is_help=True)
 app.add_typer(solutions, name="solutions")
 solutions.command("reproduce")(reproduce_command)
 solutions.command("verify")(verify_command)
+solutions.command("refine")(refine_command)
 app.add_typer(bench, name="bench")
 app.command()(report)
 app.add_typer(db, name="db")

@@ -6,6 +6,7 @@ from sqlalchemy import bindparam, func, literal_column, select, update
 from sqlalchemy.orm import Session
 
 from core.problem import Problem
+from core.search.refinement import check_refinement
 from service.db.dialect import insert_new, plain
 from service.db.tables import (
     CampaignRow,
@@ -17,7 +18,7 @@ from service.db.tables import (
     SubmissionRow,
 )
 from service.scheduler import plan
-from service.scheduler.plan import PlannedJob, Progress
+from service.scheduler.plan import Candidate, PlannedJob, Progress
 from service.scheduler.states import ENDED
 from service.search_spec import SearchSpec
 from service.spec import Spec, SpecError
@@ -116,9 +117,23 @@ def _take_known_seeds(session: Session, campaign: CampaignRow, now: float) -> No
         if not known and session.get_one(SearchRow, row.source_id).state in ENDED:
             about = f"search {search.id}: seeds.from: expected {search.seeds.tolerance} solutions"
             raise SpecError(f"{about}, got none from {search.seeds.full_name}, which has ended")
+        if search.names_seeds:
+            _require_all(search, known)
+            add_jobs(session, search, row, plan.jobs_of_seeds(spec, search, known), now)
         if search.is_immediate:
             for seed in known:
                 add_jobs(session, search, row, plan.map_jobs(spec, search, seed), now)
+
+
+def _require_all(search: SearchSpec, known: Sequence[Candidate]) -> None:
+    """Raise SpecError unless every seed that a search names is there."""
+    assert search.seeds is not None and search.seeds.only is not None
+    missing = set(search.seeds.only) - {seed.id for seed in known}
+    if missing:
+        raise SpecError(
+            f"search {search.id}: seeds.only: expected {search.seeds.tolerance} solutions of "
+            f"{search.seeds.full_name}, got {min(missing)}"
+        )
 
 
 def _source_id(session: Session, spec: Spec, search: SearchSpec, ids: dict[str, int]) -> int | None:
@@ -132,7 +147,10 @@ def _source_id(session: Session, spec: Spec, search: SearchSpec, ids: dict[str, 
     about = f"search {search.id}: seeds.from"
     if row is None:
         raise SpecError(f"{about}: expected a search of campaign {other.name}, got {search.seeds.source!r}")
-    if spec_of(other).problem.hash != spec.problem.hash:
+    problem = spec_of(other).problem
+    if search.is_refinement:
+        _require_coarser(problem, spec.problem, about)
+    elif problem.hash != spec.problem.hash:
         raise SpecError(
             f"{about}: expected the same reference problem, got another one in campaign {other.name}"
         )
@@ -141,6 +159,13 @@ def _source_id(session: Session, spec: Spec, search: SearchSpec, ids: dict[str, 
     except ValueError as error:
         raise SpecError(str(error)) from error
     return row.id
+
+
+def _require_coarser(problem: Problem, finer: Problem, about: str) -> None:
+    try:
+        check_refinement(problem, finer)
+    except ValueError as error:
+        raise SpecError(f"{about}: {error}") from error
 
 
 def add_problem(session: Session, problem: Problem) -> bool:
@@ -227,6 +252,7 @@ def _advance_search(
     session: Session, campaign: CampaignRow, row: SearchRow, source_has_ended: bool, now: float
 ) -> None:
     search = search_spec(campaign, row)
+    source_has_ended |= search.names_seeds
     progress = progress_of(session, search, row, source_has_ended)
     if plan.is_exhausted(search, progress) and progress.n_queued:
         queued = (JobRow.search_id == row.id) & (JobRow.state == "queued")
@@ -257,7 +283,7 @@ def _chosen_seeds(
 ) -> list[PlannedJob]:
     """Return the map jobs of a search that chooses among the seeds when they are complete."""
     search = search_spec(campaign, row)
-    if search.seeds is None or search.is_immediate or not progress.source_has_ended:
+    if search.seeds is None or search.is_immediate or search.names_seeds or not progress.source_has_ended:
         return []
     is_first = row.state == "waiting" or (row.state == "paused" and not row.n_planned)
     if not is_first:
