@@ -37,8 +37,8 @@ def refine_command(
 ) -> None:
     """Solve a solution again in more segments, each step from the one before, and say what mass is gained.
 
-    The guess is the flight of the seed, unchanged; every result is kept with its lineage.  Exit code 1 if a step
-    finds no solution.
+    The guess is the flight of the seed, unchanged; each result is kept with its lineage.
+    Exit code 1 if a step finds no solution.
     """
     logs.configure(level="WARNING")
     with Store(data, read_only=True) as store:

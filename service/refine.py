@@ -13,7 +13,7 @@ from pydantic import BaseModel
 
 from core.problem import ProblemError, problem_from
 from core.search import REFINED, refined_problem
-from service.api.schemas import RecordWithVector
+from service.api.solution_schemas import RecordInFull
 from service.spec import Spec, spec_from
 from service.store import Store
 from service.store.filter import Filter
@@ -48,7 +48,7 @@ def check_segments(n_segments: int, wanted: Sequence[int]) -> None:
         before = number
 
 
-def refinement_spec(store: Store, record: RecordWithVector, n_segments: int, limits: dict[str, Any]) -> Spec:
+def refinement_spec(store: Store, record: RecordInFull, n_segments: int, limits: dict[str, Any]) -> Spec:
     """Return the campaign that refines a solution."""
     definition, _ = store.definition_and_vector(record.id)
     try:
@@ -73,13 +73,13 @@ def refinement_spec(store: Store, record: RecordWithVector, n_segments: int, lim
     return spec_from(fields, allow_files=True)
 
 
-def best_of(store: Store, campaign_id: int) -> RecordWithVector | None:
+def best_of(store: Store, campaign_id: int) -> RecordInFull | None:
     """Return the solution of a campaign with the most final mass."""
     ids = store.certificates.ids(Filter(campaign=campaign_id))
     return store.record(ids[0]) if ids else None
 
 
-def first_step(store: Store, record: RecordWithVector) -> Step:
+def first_step(store: Store, record: RecordInFull) -> Step:
     """Return where a refinement begins."""
     definition, _ = store.definition_and_vector(record.id)
     return Step(
@@ -96,7 +96,7 @@ def first_step(store: Store, record: RecordWithVector) -> Step:
     )
 
 
-def next_step(steps: Sequence[Step], record: RecordWithVector, campaign_id: int, n_segments: int) -> Step:
+def next_step(steps: Sequence[Step], record: RecordInFull, campaign_id: int, n_segments: int) -> Step:
     """Return what a further number of segments gave."""
     mass = record.objective_kg
     return Step(

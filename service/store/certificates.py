@@ -91,10 +91,15 @@ def _add(session: Session, document: CertificateDocument, basis: str) -> bool:
     return True
 
 
+def latest_row(session: Session, solution_id: str) -> CertificateRow | None:
+    """Return the certificate of a solution that was found last."""
+    own = select(CertificateRow).where(CertificateRow.solution_id == solution_id)
+    return session.scalar(own.order_by(CertificateRow.checked_at.desc(), CertificateRow.hash).limit(1))
+
+
 def _latest(session: Session, solution_id: str) -> CertificateDocument | None:
     _solution(session, solution_id)
-    own = select(CertificateRow).where(CertificateRow.solution_id == solution_id)
-    row = session.scalar(own.order_by(CertificateRow.checked_at.desc(), CertificateRow.hash).limit(1))
+    row = latest_row(session, solution_id)
     if row is None:
         return None
     return CertificateDocument(

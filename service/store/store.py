@@ -14,7 +14,7 @@ from service.api import schemas
 from service.api.history_schemas import CampaignCard, HistoryView
 from service.api.lineage_schemas import LineageGraph, Reproduction
 from service.api.problem_schemas import ProblemFamily
-from service.api.solution_schemas import ChoicesView, ClusterPage, PointsView
+from service.api.solution_schemas import ChoicesView, ClusterPage, PointsView, RecordInFull
 from service.db.engine import Database
 from service.db.place import place_of
 from service.scheduler.leases import LeaseSettings
@@ -279,7 +279,7 @@ class Store:
                 return
             after = page[-1].id
 
-    def record(self, solution_id: str) -> schemas.RecordWithVector:
+    def record(self, solution_id: str) -> RecordInFull:
         """Return a solution."""
         with self._database.read() as session:
             return records.get_record(session, solution_id)

@@ -6,7 +6,6 @@ from sqlalchemy import bindparam, func, literal_column, select, update
 from sqlalchemy.orm import Session
 
 from core.problem import Problem
-from core.search.refinement import check_refinement
 from service.db.dialect import insert_new, plain
 from service.db.tables import (
     CampaignRow,
@@ -18,7 +17,7 @@ from service.db.tables import (
     SubmissionRow,
 )
 from service.scheduler import plan
-from service.scheduler.plan import Candidate, PlannedJob, Progress
+from service.scheduler.plan import PlannedJob, Progress
 from service.scheduler.states import ENDED
 from service.search_spec import SearchSpec
 from service.spec import Spec, SpecError
@@ -27,6 +26,7 @@ from service.store.errors import KeyReused
 from service.store.events import note, note_search
 from service.store.find import find_campaign
 from service.store.held import Worked
+from service.store.named_seeds import require_all, require_coarser
 from service.store.specs import search_spec, spec_of
 
 _JOB = plain(JobRow).c
@@ -114,26 +114,17 @@ def _take_known_seeds(session: Session, campaign: CampaignRow, now: float) -> No
         if search.seeds is None or search.seeds.campaign is None:
             continue
         known = candidates(session, campaign, row, search)
+        if search.names_seeds:
+            jobs = plan.jobs_of_seeds(spec, search, known)
+            require_all(search, known, jobs)
+            add_jobs(session, search, row, jobs, now)
+            continue
         if not known and session.get_one(SearchRow, row.source_id).state in ENDED:
             about = f"search {search.id}: seeds.from: expected {search.seeds.tolerance} solutions"
             raise SpecError(f"{about}, got none from {search.seeds.full_name}, which has ended")
-        if search.names_seeds:
-            _require_all(search, known)
-            add_jobs(session, search, row, plan.jobs_of_seeds(spec, search, known), now)
         if search.is_immediate:
             for seed in known:
                 add_jobs(session, search, row, plan.map_jobs(spec, search, seed), now)
-
-
-def _require_all(search: SearchSpec, known: Sequence[Candidate]) -> None:
-    """Raise SpecError unless every seed that a search names is there."""
-    assert search.seeds is not None and search.seeds.only is not None
-    missing = set(search.seeds.only) - {seed.id for seed in known}
-    if missing:
-        raise SpecError(
-            f"search {search.id}: seeds.only: expected {search.seeds.tolerance} solutions of "
-            f"{search.seeds.full_name}, got {min(missing)}"
-        )
 
 
 def _source_id(session: Session, spec: Spec, search: SearchSpec, ids: dict[str, int]) -> int | None:
@@ -149,7 +140,7 @@ def _source_id(session: Session, spec: Spec, search: SearchSpec, ids: dict[str, 
         raise SpecError(f"{about}: expected a search of campaign {other.name}, got {search.seeds.source!r}")
     problem = spec_of(other).problem
     if search.is_refinement:
-        _require_coarser(problem, spec.problem, about)
+        require_coarser(problem, spec.problem, about)
     elif problem.hash != spec.problem.hash:
         raise SpecError(
             f"{about}: expected the same reference problem, got another one in campaign {other.name}"
@@ -159,13 +150,6 @@ def _source_id(session: Session, spec: Spec, search: SearchSpec, ids: dict[str, 
     except ValueError as error:
         raise SpecError(str(error)) from error
     return row.id
-
-
-def _require_coarser(problem: Problem, finer: Problem, about: str) -> None:
-    try:
-        check_refinement(problem, finer)
-    except ValueError as error:
-        raise SpecError(f"{about}: {error}") from error
 
 
 def add_problem(session: Session, problem: Problem) -> bool:
