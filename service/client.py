@@ -19,7 +19,6 @@ from service.api.history_schemas import CampaignCards
 from service.api.lineage_schemas import Reproduction
 from service.api.solution_schemas import RecordInFull
 from service.store.seeds import SeedsWanted
-from workers.certificate import CertificateDocument
 from workers.client import TIMEOUT_S, Api, ApiError, Rejected
 from workers.source import Unreachable
 
@@ -74,7 +73,6 @@ ROUTES = {
     ),
     "record": Route("GET", "/solutions/{solution_id}", RecordInFull),
     "reproduction": Route("GET", "/solutions/{solution_id}/reproduction", Reproduction),
-    "certificate": Route("GET", "/solutions/{solution_id}/certificate", CertificateDocument),
     "seeds": Route("GET", "/seeds", schemas.SeedPage, _SEEDS),
     "jobs": Route("GET", "/jobs", schemas.JobPage, ("campaign", "search", "state", "limit", "after")),
     "job": Route("GET", "/jobs/{job_id}", schemas.JobView),
@@ -186,10 +184,6 @@ class Client:
     def reproduction(self, solution_id: str) -> Reproduction:
         """Return the job that found a solution, and what it gave."""
         return self._ask("reproduction", Reproduction, solution_id=solution_id)
-
-    def certificate(self, solution_id: str) -> CertificateDocument:
-        """Return the certificate of a solution."""
-        return self._ask("certificate", CertificateDocument, solution_id=solution_id)
 
     def seeds_of_search(self, campaign_id: int, search: str, wanted: SeedsWanted) -> schemas.SeedPage:
         """Return what would seed a search, and how."""

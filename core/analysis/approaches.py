@@ -78,7 +78,7 @@ class Closest:
             self._found[body] = (distance, time, is_turn)
 
     def _range_rate(self, path: object, body: int, time: float) -> float:
-        """Return the range rate times the distance, which has the same sign."""
+        """Return the range rate times the distance, which has the same sign; docs/method.md, eq. V5."""
         position, velocity = self._relative(path, body, time)
         return float(position @ velocity)
 

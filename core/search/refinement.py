@@ -1,7 +1,7 @@
 """A seed cut finer: the same flight in a multiple of its segments, as a guess for a problem of its own.
 
 Nothing is lost: each control is repeated, so the thrust is the same function of time, and what follows is
-the solver's gain alone.  docs/method.md, section 8.
+the solver's gain alone.  docs/method.md, eqs. S26 and S27.
 """
 
 import numpy as np
@@ -85,7 +85,7 @@ def refined_guess(problem_from: Problem, x: Array, problem_to: Problem) -> Guess
 
     References
     ----------
-    docs/method.md, section 8.
+    docs/method.md, eqs. S26 and S27.
     """
     factor = check_refinement(problem_from, problem_to)
     seed = checked_vector(layout_of(problem_from), x)

@@ -84,7 +84,7 @@ def get_record(session: Session, solution_id: str) -> RecordInFull:
         raise UnknownRow("solution", solution_id)
     certificate = latest_row(session, solution_id)
     return RecordInFull(
-        **_with_vector(found[0]).model_dump(), certificate_hash=certificate and certificate.hash
+        **_with_vector(found[0]).model_dump(), certificate_hash=certificate.hash if certificate else None
     )
 
 
