@@ -28,15 +28,18 @@ from service.cli_options import (
     console,
     print_json,
 )
+from service.cli_refine import refine_command
 from service.cli_report import report
 from service.cli_reproduce import reproduce_command
 from service.cli_run import announce, crew_of, run_to_end, serve_until_interrupted
 from service.cli_token import TokenError, token
+from service.cli_verify import verify_command
 from service.client import ClientError
 from service.coordinator import Coordinator, CoordinatorError, Crew
 from service.db.engine import DatabaseError
 from service.doctor import check_all
 from service.lock import LockError
+from service.refine import RefineError
 from service.resolve import require_flyable
 from service.security import BindError
 from service.settings import SettingsError
@@ -44,6 +47,8 @@ from service.spec import SpecError, load_spec
 from service.store import Store, StoreError
 from service.store.filter import filter_of
 from service.store.page import Order, Sort
+from service.terminal_verify import print_certificate
+from service.verification import VerificationError
 from workers.client import ApiError
 from workers.dispatch import ExecutorKind
 from workers.executor import ExecutorError
@@ -64,6 +69,8 @@ USER_ERRORS = (
     ClientError,
     ApiError,
     SourceError,
+    VerificationError,
+    RefineError,
 )
 
 app = typer.Typer(
@@ -75,6 +82,8 @@ app = typer.Typer(
 solutions = typer.Typer(help="Look at solutions.", no_args_is_help=True)
 app.add_typer(solutions, name="solutions")
 solutions.command("reproduce")(reproduce_command)
+solutions.command("verify")(verify_command)
+solutions.command("refine")(refine_command)
 app.add_typer(bench, name="bench")
 app.command()(report)
 app.add_typer(db, name="db")
@@ -220,13 +229,16 @@ def show_solution(
     data: Data = DATA,
     as_json: Json = False,
 ) -> None:
-    """Show one solution; its decision vector is in the JSON."""
+    """Show one solution and its certificate; its decision vector is in the JSON."""
     with Store(data, read_only=True) as store:
         record = store.record(store.find_solution(solution))
+        certificate = store.certificates.latest(record.id)
     if as_json:
-        print_json(record)
+        shown = certificate and certificate.model_dump(mode="json")
+        print_json(record.model_dump(mode="json") | {"certificate": shown})
     else:
         terminal.print_record(console, record)
+        print_certificate(console, certificate)
 
 
 @app.command()

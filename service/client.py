@@ -17,6 +17,7 @@ from pydantic import BaseModel, ValidationError
 from service.api import schemas
 from service.api.history_schemas import CampaignCards
 from service.api.lineage_schemas import Reproduction
+from service.api.solution_schemas import RecordInFull
 from service.store.seeds import SeedsWanted
 from workers.client import TIMEOUT_S, Api, ApiError, Rejected
 from workers.source import Unreachable
@@ -70,7 +71,7 @@ ROUTES = {
     "solutions": Route(
         "GET", "/solutions", schemas.RecordPage, ("campaign", "search", "strict", "limit", "after")
     ),
-    "record": Route("GET", "/solutions/{solution_id}", schemas.RecordWithVector),
+    "record": Route("GET", "/solutions/{solution_id}", RecordInFull),
     "reproduction": Route("GET", "/solutions/{solution_id}/reproduction", Reproduction),
     "seeds": Route("GET", "/seeds", schemas.SeedPage, _SEEDS),
     "jobs": Route("GET", "/jobs", schemas.JobPage, ("campaign", "search", "state", "limit", "after")),
@@ -176,9 +177,9 @@ class Client:
         page = {"campaign": campaign, "search": search, "strict": strict, "limit": limit, "after": after}
         return self._ask("solutions", schemas.RecordPage, **page)
 
-    def record(self, solution_id: str) -> schemas.RecordWithVector:
+    def record(self, solution_id: str) -> RecordInFull:
         """Return a solution with its vector."""
-        return self._ask("record", schemas.RecordWithVector, solution_id=solution_id)
+        return self._ask("record", RecordInFull, solution_id=solution_id)
 
     def reproduction(self, solution_id: str) -> Reproduction:
         """Return the job that found a solution, and what it gave."""

@@ -90,6 +90,7 @@ RIGHTS: dict[str, frozenset[Role] | None] = {
     f"GET {_API}/solutions/{{}}/trajectory": READERS,
     f"GET {_API}/solutions/{{}}/lineage": READERS,
     f"GET {_API}/solutions/{{}}/export": READERS,
+    f"GET {_API}/solutions/{{}}/certificate": READERS,
     f"GET {_API}/solutions/{{}}/reproduction": READERS,
     f"GET {_API}/attempts": READERS,
     f"GET {_API}/queue": READERS,

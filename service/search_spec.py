@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StrictInt, model_validator
 
 from core.problem import LONGEST_OUTAGE_DAYS, Outage
-from core.search import GUESS_LAWS, HOP_LAWS, HopSettings, check_mapping
+from core.search import GUESS_LAWS, HOP_LAWS, REFINED, HopSettings, check_mapping
 from core.search.hop_laws import SHAPES
 from workers.job import HopLaws, Settings
 
@@ -49,6 +49,7 @@ Count = Annotated[StrictInt, Field(ge=1, le=10_000_000)]
 SHARING = ("weight", "priority")
 Weight = Annotated[float, Field(ge=1e-3, le=1e6)]
 Priority = Annotated[StrictInt, Field(ge=-1_000_000, le=1_000_000)]
+SolutionId = Annotated[str, shaped(r"[0-9a-f]{32}", "32 hexadecimal digits")]
 Segments = Annotated[tuple[Annotated[StrictInt, Field(ge=1)], ...], Field(max_length=2000)]
 
 
@@ -95,6 +96,8 @@ class Seeds(Strict):
     tolerance: Literal["strict", "paper"] = "strict"
     #: Whether seeds may come from outages of another duration.
     any_duration: bool = False
+    #: These solutions alone, by their ids; the source need not have ended.
+    only: Annotated[tuple[SolutionId, ...], Field(min_length=1, max_length=1000)] | None = None
 
     @property
     def full_name(self) -> str:
@@ -132,6 +135,8 @@ class SearchSpec(Strict):
     cpu_seconds: Annotated[float, Field(gt=0, le=86400)] = Settings().cpu_seconds
     max_iterations: Annotated[StrictInt, Field(ge=1, le=1_000_000)] | None = None
     n_legs: Annotated[StrictInt, Field(ge=1, le=200)] = Settings().n_legs
+    #: None: core's own.
+    integrator_tolerance: Annotated[float, Field(ge=1e-14, le=1e-3)] | None = None
     #: Part of the workers, beside searches of equal priority.
     weight: Weight = 1.0
     #: Lower goes first; None: the end of a seed chain first.
@@ -170,8 +175,18 @@ class SearchSpec(Strict):
     def is_immediate(self) -> bool:
         """Whether each new seed is mapped at once, since the jobs do not depend on who comes first."""
         seeds = self.seeds
-        chooses = seeds is None or seeds.order is not None or seeds.limit is not None
+        chooses = seeds is None or seeds.order is not None or seeds.limit is not None or self.names_seeds
         return not chooses and self.guesses is None and seeds is not None and seeds.pairing != "round-robin"
+
+    @property
+    def names_seeds(self) -> bool:
+        """Whether its seeds are named one by one, so that nothing is waited for."""
+        return self.seeds is not None and self.seeds.only is not None
+
+    @property
+    def is_refinement(self) -> bool:
+        """Whether its seeds are the same flights in fewer segments."""
+        return REFINED in self.mapping
 
     @property
     def laws(self) -> HopLaws:
@@ -181,7 +196,7 @@ class SearchSpec(Strict):
     @property
     def settings(self) -> Settings:
         """What shapes every solve."""
-        return Settings(cpu_seconds=self.cpu_seconds, max_iterations=self.max_iterations, n_legs=self.n_legs)
+        return Settings(**{name: getattr(self, name) for name in Settings.model_fields})
 
     @model_validator(mode="after")
     def _cases_match(self) -> Self:
@@ -216,8 +231,22 @@ class SearchSpec(Strict):
                 )
         if self.seed_k is not None and self.seeds is None:
             raise ValueError(f"seeds: expected a table with `from` for {self.strategy}, got none")
+        if self.is_refinement:
+            return self._refined_rightly()
+        if self.seeds is not None and self.names_seeds and self.seeds.campaign is None:
+            raise ValueError("seeds.only: expected beside seeds.campaign, got it without")
         if self.seed_k is not None and (self.seed_k > self.k or self.seed_k == self.k == 0):
             raise ValueError(f"strategy: expected k' < k, or k' = k for longer outages, got {self.strategy}")
+        return self
+
+    def _refined_rightly(self) -> Self:
+        if self.mapping != (REFINED,) or self.seed_k != self.k:
+            raise ValueError(
+                f"mapping: expected {REFINED} alone and k' = k, "
+                f"got {', '.join(self.mapping)} for {self.strategy}"
+            )
+        if not self.names_seeds or self.seeds is None or self.seeds.campaign is None:
+            raise ValueError(f"seeds: expected campaign and only for the mapping {REFINED}, got none of them")
         return self
 
     @model_validator(mode="after")

@@ -82,6 +82,9 @@ class Spec(Strict):
     def require_source(self, search: SearchSpec, source: SearchSpec) -> None:
         """Raise ValueError unless seeds of a source can be mapped to the cases of a search."""
         require_seedable(search, source)
+        if search.is_refinement:
+            # Its seeds are of another problem, which the archive knows.
+            return
         pair = first_pair(search, source)
         assert pair is not None
         problems = [self.problem.with_outages(case) for case in pair]
@@ -137,7 +140,16 @@ class Spec(Strict):
         searches = {"__all__": set(SHARING)}
         left_out: Any = {"problem": True, "campaign": {"priority"}, "search": searches}
         whole = self.model_dump(mode="json", by_alias=True, exclude=left_out)
+        for fields in whole["search"]:
+            _drop_newer(fields)
         return content_hash({"problem": self.problem.hash} | whole)
+
+
+def _drop_newer(search: dict[str, Any]) -> None:
+    """Drop what searches could not say at first and do not, so that old campaigns keep their identity."""
+    for fields, name in ((search, "integrator_tolerance"), (search["seeds"] or {}, "only")):
+        if fields.get(name) is None:
+            fields.pop(name, None)
 
 
 def spec_from(fields: Any, *, allow_files: bool = False) -> Spec:

@@ -172,7 +172,9 @@ def solution_list(records: Sequence[Record]) -> Table:
 
 def print_record(console: Console, record: Record) -> None:
     """Print every field of a solution but its vector."""
-    for name, value in record.model_dump(mode="json", exclude={"x", "verification"}).items():
+    for name, value in record.model_dump(
+        mode="json", exclude={"x", "verification", "certificate_hash"}
+    ).items():
         console.print(Text.assemble((name, "bold"), f": {value}"), soft_wrap=True)
 
 

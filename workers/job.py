@@ -74,6 +74,8 @@ class Settings(Message):
     cpu_seconds: Annotated[float, Field(gt=0, le=86400, allow_inf_nan=False)] = 120.0
     max_iterations: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
     n_legs: Annotated[int, Field(ge=1, le=200)] = 10
+    #: Of the integrator while propellant is saved, in canonical units; None for core's own.
+    integrator_tolerance: Annotated[float, Field(ge=1e-14, le=1e-3)] | None = None
 
 
 class HopLaws(Message):
@@ -157,7 +159,7 @@ class Trajectory(Message):
 
 
 class Certificate(Message):
-    """What the independent re-flight of a solution found."""
+    """The verifier's verdict on a solve, as it is stored with it; `workers.certificate` says far more."""
 
     paper: bool
     strict: bool

@@ -19,7 +19,7 @@ from core.nlp import Outcome, SolveSettings
 from core.problem import Problem, problem_from
 from core.search import Chain, HopAddress, HopSettings, hop_rng, solve_seed
 from core.tolerances import PAPER, violation
-from core.transcription import Transcription
+from core.transcription import TOLERANCE, Transcription
 from workers.certify import certificate, trajectory
 from workers.job import (
     KIND_NUMBERS,
@@ -78,7 +78,7 @@ def _solves(job: Job, stop: Stop) -> Iterator[SolveRecord]:
 
 
 def _hops(job: HopJob, stop: Stop) -> Iterator[SolveRecord]:
-    problem, transcription = prepared(job.problem, job.settings.n_legs)
+    problem, transcription = prepared(job.problem, job.settings)
     chain = Chain(transcription, HopSettings(**job.laws.model_dump()))
     for hop in range(job.address.hop, job.address.hop + job.n_hops):
         guess = chain.ask(hop_rng(job.rng_seed, hop_address(job, hop)))
@@ -94,12 +94,12 @@ def _hops(job: HopJob, stop: Stop) -> Iterator[SolveRecord]:
 
 
 def _mapped(job: MapJob, stop: Stop) -> Iterator[SolveRecord]:
-    problem, seed_problem = warmed(job.problem, job.settings.n_legs), problem_from(job.seed_problem)
-    seed, n_legs = np.array(job.seed_x), job.settings.n_legs
+    problem, seed_problem = warmed(job.problem, job.settings), problem_from(job.seed_problem)
+    seed, form = np.array(job.seed_x), _form(job.settings)
     deadline = _Deadline(job.settings, problem, stop)
     stopwatch = Stopwatch()
     settings = solve_settings(job.settings)
-    outcome = solve_seed(seed_problem, seed, problem, job.mapping, settings, deadline, n_legs=n_legs)
+    outcome = solve_seed(seed_problem, seed, problem, job.mapping, settings, deadline, **form)
     times = stopwatch.read()
     if not stop():
         yield _record(job, job.address.hop, problem, outcome, times)
@@ -119,23 +119,28 @@ def solve_settings(settings: Settings) -> SolveSettings:
     return SolveSettings(**given)
 
 
-def prepared(definition: dict[str, Any], n_legs: int) -> tuple[Problem, Transcription]:
+def prepared(definition: dict[str, Any], settings: Settings) -> tuple[Problem, Transcription]:
     """Return a problem and its transcription, which each process builds and compiles once."""
     problem = problem_from(definition)
-    return problem, _transcribed(problem, n_legs)
+    return problem, _transcribed(problem, **_form(settings))
 
 
-def warmed(definition: dict[str, Any], n_legs: int) -> Problem:
+def warmed(definition: dict[str, Any], settings: Settings) -> Problem:
     """Return a problem, in a process that has compiled all that its solve calls."""
     problem = problem_from(definition)
     if not _transcribed.cache_info().currsize:
-        _transcribed(problem, n_legs)
+        _transcribed(problem, **_form(settings))
     return problem
 
 
+def _form(settings: Settings) -> dict[str, Any]:
+    """Return the options of a transcription, none of which changes the meaning of x."""
+    return {"n_legs": settings.n_legs, "tolerance": settings.integrator_tolerance or TOLERANCE}
+
+
 @lru_cache(maxsize=32)
-def _transcribed(problem: Problem, n_legs: int) -> Transcription:
-    transcription = core.transcribe(problem, n_legs=n_legs)
+def _transcribed(problem: Problem, n_legs: int, tolerance: float) -> Transcription:
+    transcription = core.transcribe(problem, n_legs=n_legs, tolerance=tolerance)
     # One iteration compiles all that a solve calls, before any clock runs; its draw is no part of the search.
     guess = core.sample_guess(transcription, np.random.default_rng(0))
     core.solve(transcription, guess, SolveSettings(max_iterations=1))

@@ -50,6 +50,8 @@ class Pilot:
         self.max_thrust = max_thrust_n * 1e-3  # [kg km/s^2]
         self.exhaust_velocity = exhaust_velocity_km_s
         self.n_evaluations = 0
+        #: Is shown the integrator after each of its steps.
+        self.watcher: Callable[[DOP853], None] | None = None
 
     def thrust(self, control: Array) -> tuple[float, float, float, float]:
         """Return thrust vector [kg km/s^2] and mass flow [kg/s] of (throttle, azimuth, elevation)."""
@@ -100,6 +102,8 @@ class Pilot:
         solver = DOP853(derivative, start, state[:6], stop, rtol=RTOL, atol=ATOL)
         while solver.status == "running" and self.n_evaluations < budget:
             solver.step()
+            if self.watcher is not None and solver.status != "failed":
+                self.watcher(solver)
         if solver.status != "finished":
             raise Unflyable(f"integration gave up {solver.t / 86400:.3f} days after departure")
         return np.asarray(solver.y, dtype=np.float64)

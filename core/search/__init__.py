@@ -7,11 +7,13 @@ from core.search.guess_laws import GUESS_LAWS, sample_guess
 from core.search.hop_laws import HOP_LAWS, HopLaw, draw_steps
 from core.search.hopping import Chain, HopSettings, hop, hop_times, is_better
 from core.search.mapping import map_seed
+from core.search.refinement import REFINED, refined_problem
 
 __all__ = [
     "GUESS_LAWS",
     "HOP_LAWS",
     "MAPPINGS",
+    "REFINED",
     "Chain",
     "HopAddress",
     "HopLaw",
@@ -24,6 +26,7 @@ __all__ = [
     "hop_times",
     "is_better",
     "map_seed",
+    "refined_problem",
     "sample_guess",
     "solve_seed",
 ]

@@ -10,6 +10,7 @@ import re
 from dataclasses import dataclass
 
 from core.problem import Outage, Problem
+from core.search.refinement import REFINED, check_refinement
 
 #: The forms of a mapping by name.
 MAPPINGS = ("reference", "aligned", "continued")
@@ -40,15 +41,16 @@ def check_mapping(mapping: str) -> None:
     Parameters
     ----------
     mapping : str
-        FORM, FORM(SOURCES), "all" or "nearest": a form is one of `MAPPINGS`, sources are all, nearest or one
-        number per realization, separated by commas.
+        FORM, FORM(SOURCES), "all", "nearest" or "refined": a form is one of `MAPPINGS`, sources are all,
+        nearest or one number per realization, separated by commas.
 
     Raises
     ------
     ValueError
         When it is none of these.
     """
-    _parsed(mapping)
+    if mapping != REFINED:
+        _parsed(mapping)
 
 
 def expand_mapping(mapping: str, problem_from: Problem, problem_to: Problem) -> tuple[str, ...]:
@@ -77,6 +79,9 @@ def expand_mapping(mapping: str, problem_from: Problem, problem_to: Problem) -> 
     ----------
     docs/method.md, eq. S20.
     """
+    if mapping == REFINED:
+        check_refinement(problem_from, problem_to)
+        return (REFINED,)
     found = _assignments(mapping, problem_from, problem_to)
     return tuple(_text(assignment, problem_from, problem_to) for assignment in found)
 

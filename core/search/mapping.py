@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from core.problem import Outage, Problem
 from core.search.alignment import Seed, aligned, held_thrust
 from core.search.assignments import MAPPINGS, assignment_of, default_sources
+from core.search.refinement import REFINED, refined_guess
 from core.transcription import (
     Guess,
     OutageProfile,
@@ -35,14 +36,14 @@ def map_seed(problem_from: Problem, x: Array, problem_to: Problem, mapping: str 
     Parameters
     ----------
     problem_from : Problem
-        Problem P_k' of the seed: the same family, with fewer or shorter outages.
+        Problem P_k' of the seed: the same family, with fewer or shorter outages, or P_k with fewer segments.
     x : (n_variables,) array
         The seed in the paper layout of P_k' [days, rad, kg].
     problem_to : Problem
         Problem P_k.
     mapping : str
         A text that stands for one concrete mapping, see `core.search.expand_mapping`; "continued" starts
-        where "aligned" does.
+        where "aligned" does, and "refined" is the same flight in more segments.
 
     Returns
     -------
@@ -55,6 +56,8 @@ def map_seed(problem_from: Problem, x: Array, problem_to: Problem, mapping: str 
         When the text is no mapping or stands for several, the problems are not a family with k' < k or with
         shorter outages, or x is no vector of P_k'.
     """
+    if mapping == REFINED:
+        return refined_guess(problem_from, x, problem_to)
     assignment = assignment_of(mapping, problem_from, problem_to)
     seed, target = Seed(problem_from, x), transcribe(problem_to)
     realizations = zip(target.layout.trajectories[1:], assignment.sources, strict=True)

@@ -5,7 +5,7 @@ from typing import Any
 
 from fastapi import FastAPI
 
-from service.api import activity_examples, campaign_examples
+from service.api import activity_examples, campaign_examples, certificate_examples
 from service.api.examples import EXAMPLES, TRAJECTORY
 
 PROBLEM = "application/problem+json"
@@ -21,6 +21,10 @@ DETAILS = {
     503: "archive: expected to take a write, got a fault; what was stored before is kept",
 }
 CODES = {409: "stale_attempt"}
+#: By the model of the answer.
+ALL_EXAMPLES = (
+    EXAMPLES | campaign_examples.EXAMPLES | activity_examples.EXAMPLES | certificate_examples.EXAMPLES
+)
 #: Answers without a model.
 BARE = {"/api/v1/solutions/{solution_id}/trajectory": TRAJECTORY}
 
@@ -40,7 +44,7 @@ def finish_document(app: FastAPI) -> None:
 
 def _finish(document: dict[str, Any]) -> None:
     schemas = document["components"]["schemas"]
-    for model, example in (EXAMPLES | campaign_examples.EXAMPLES | activity_examples.EXAMPLES).items():
+    for model, example in ALL_EXAMPLES.items():
         if model.__name__ in schemas:
             schemas[model.__name__]["examples"] = [example]
     for path, verbs in document["paths"].items():

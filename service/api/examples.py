@@ -251,7 +251,8 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
         "threshold": 0.05,
     },
     solution_schemas.ChoicesView: CHOICES,
-    schemas.RecordWithVector: RECORD
+    solution_schemas.RecordInFull: RECORD
+    | {"certificate_hash": None}
     | {"x": [71.3, 2.1, 4.0, 0.71], "verification": {"integrator": "DOP853", "tolerance": 1e-12}},
     lineage_schemas.LineageGraph: {
         "id": SOLUTION,

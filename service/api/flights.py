@@ -15,6 +15,8 @@ from service.api.export import CSV
 from service.api.lineage_schemas import LineageGraph, Reproduction
 from service.api.solution_files import state_lines, vector_lines
 from service.dashboard.pictures import MOST_SAMPLES, flight_as_json
+from service.store import UnknownRow
+from workers.certificate import CertificateDocument
 
 router = APIRouter(tags=["solutions"])
 
@@ -59,6 +61,16 @@ def get_lineage(solution_id: Hash, store: StoreHere, children: Limit = MOST_CHIL
 def get_reproduction(solution_id: Hash, store: StoreHere) -> Reproduction:
     """Return the job that found a solution, as `coastarc solutions reproduce` runs it again."""
     return store.reproduction(solution_id)
+
+
+@router.get("/solutions/{solution_id}/certificate")
+def get_certificate(solution_id: Hash, store: StoreHere) -> CertificateDocument:
+    """Return the certificate of a solution that was found last; 404 where nobody has verified it."""
+    found = store.certificates.latest(solution_id)
+    if found is None:
+        advice = f"none; make it with `coastarc solutions verify {solution_id[:8]}`"
+        raise UnknownRow("certificate of solution", solution_id, advice)
+    return found
 
 
 @router.get(

@@ -18,6 +18,7 @@ from core.constants import SECONDS_PER_DAY
 from core.orbits import departure_state
 from core.problem import Problem, calendar_epoch
 from core.transcription import Layout, TrajectoryLayout, layout_of
+from workers.certificate import trajectory_name
 
 #: Lines that are sent at once.
 BLOCK = 500
@@ -59,11 +60,6 @@ def vector_lines(solution_id: str, problem: Problem, x: NDArray[np.float64]) -> 
     """Yield the head, then every entry of the vector with its bounds."""
     yield _head(_VECTOR, solution_id, problem)
     yield from _blocks(VECTOR_COLUMNS, _entries(problem, x))
-
-
-def trajectory_name(index: int) -> str:
-    """Return what a trajectory is called, the reference being number 0."""
-    return f"realization {index}" if index else "reference"
 
 
 def _head(text: str, solution_id: str, problem: Problem) -> str:

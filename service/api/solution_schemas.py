@@ -1,8 +1,15 @@
-"""The JSON of many solutions at once: points, clusters, and what can be chosen between."""
+"""The JSON of one solution in full, and of many at once: points, clusters, and what can be chosen between."""
 
 from pydantic import Field
 
-from service.api.schemas import Answer
+from service.api.schemas import Answer, RecordWithVector
+
+
+class RecordInFull(RecordWithVector):
+    """A record, its decision vector, and whether it was certified."""
+
+    #: Hash of the certificate that was found last, null where there is none.
+    certificate_hash: str | None
 
 
 class PointsView(Answer):

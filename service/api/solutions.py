@@ -7,8 +7,9 @@ from fastapi.responses import StreamingResponse
 
 from service.api.context import Hash, Limit, StoreHere
 from service.api.export import CSV, NDJSON, csv_lines, ndjson_lines
-from service.api.schemas import RecordPage, RecordWithVector
+from service.api.schemas import RecordPage
 from service.api.solution_filter import FilterWanted
+from service.api.solution_schemas import RecordInFull
 from service.store.page import Begin, Order, Sort
 
 router = APIRouter(tags=["solutions"])
@@ -64,6 +65,6 @@ def list_solutions(
 
 
 @router.get("/solutions/{solution_id}")
-def get_solution(solution_id: Hash, store: StoreHere) -> RecordWithVector:
+def get_solution(solution_id: Hash, store: StoreHere) -> RecordInFull:
     """Return a solution with its decision vector."""
     return store.record(solution_id)

@@ -17,7 +17,7 @@ from service.scheduler.states import TRANSITIONS
 from workers.job import Ending
 
 #: Grows with every change of the tables; kept in SQLite's user_version.
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 5
 
 CAMPAIGN_STATES, SEARCH_STATES, JOB_STATES = (tuple(TRANSITIONS[n]) for n in ("campaign", "search", "job"))
 ENDINGS = tuple(ending.value for ending in Ending)
@@ -321,6 +321,26 @@ class SolutionRow(Base):
     strict: Mapped[bool]
     verification: Mapped[Any] = mapped_column(Json)
     created_at: Mapped[float]
+
+
+class CertificateRow(Base):
+    """What an independent flight certified about a solution; one found again is the same row."""
+
+    __tablename__ = "certificate"
+    __table_args__ = _table(_one_of("level", ("strict", "paper", "none")))
+    solution_id: Mapped[str] = mapped_column(ForeignKey("solution.id"), primary_key=True)
+    #: That of its content.
+    hash: Mapped[str] = mapped_column(primary_key=True)
+    #: Identity of all that the content depends on beside the solution: code, packages, settings.
+    basis: Mapped[str]
+    level: Mapped[str]
+    is_sound: Mapped[bool]
+    content: Mapped[Any] = mapped_column(Json)
+    #: Where and when it was made first, what that took, and when it was last found again.
+    made_on: Mapped[str]
+    made_at: Mapped[float]
+    cpu_seconds: Mapped[float]
+    checked_at: Mapped[float]
 
 
 class SeedLinkRow(Base):

@@ -29,6 +29,9 @@ def targets(search: SearchSpec, seed_case: Case, number: int) -> list[int]:
 
 def _fits(search: SearchSpec, seed_case: Case, case: Case) -> bool:
     assert search.seeds is not None
+    if search.is_refinement:
+        # Both in the segments of the search.
+        return sorted(seed_case) == sorted(case)
     if search.seed_k == search.k:
         return _outlasts(seed_case, case)
     return search.seeds.pairing != "contained" or set(seed_case) <= set(case)
@@ -58,6 +61,8 @@ def require_seedable(search: SearchSpec, source: SearchSpec) -> None:
             f"{about}: expected a search of S({search.seed_k}...) for {search.strategy}, got {source.id!r}, "
             f"which is {source.strategy}"
         )
+    if search.is_refinement:
+        return
     if first_pair(search, source) is None:
         wanted = (
             "the same segments and longer outages" if search.k == source.k else "a case that holds its own"

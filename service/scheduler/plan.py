@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from core.analysis.distinct import most_diverse
 from core.problem import Problem
-from core.search import expand_mapping
+from core.search import REFINED, expand_mapping
 from service.scheduler.pairing import Case, targets
 from service.search_spec import SearchSpec
 from service.spec import Spec
@@ -114,6 +114,8 @@ def map_jobs(spec: Spec, search: SearchSpec, seed: Candidate, number: int = 0) -
 @lru_cache(maxsize=4096)
 def _concrete(problem: Problem, mappings: tuple[str, ...], seed_case: Case, case: Case) -> tuple[str, ...]:
     """Return the mappings of a seed to a case, which are the same for each seed of its problem."""
+    if REFINED in mappings:
+        return mappings
     problems = [problem.with_outages(one) for one in (seed_case, case)]
     texts = [text for mapping in mappings for text in expand_mapping(mapping, *problems)]
     return tuple(dict.fromkeys(texts))

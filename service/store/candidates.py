@@ -6,12 +6,14 @@ from sqlalchemy import ColumnElement, Select, null, select
 from sqlalchemy.orm import Session
 
 from core.analysis.distinct import features
+from core.problem import Problem
 from service.db.tables import CampaignRow, JobRow, SearchRow, SolutionRow, SolveRow
 from service.scheduler.plan import Candidate
 from service.search_spec import SearchSpec
 from service.store.specs import search_spec, spec_of
 from service.store.tallies import n_solutions, tallies
 
+Cases = tuple[tuple[tuple[int, float], ...], ...]
 #: Rows that are fetched at once where not all may be needed.
 STEP = 200
 
@@ -27,24 +29,36 @@ def candidates(
     source = session.get_one(SearchRow, row.source_id)
     source_spec = search_spec(session.get_one(CampaignRow, source.campaign_id), source)
     query = _query(source, source_spec, search, most is not None)
+    if search.seeds.only is not None:
+        query = query.where(SolutionRow.id.in_(search.seeds.only))
     is_ordered = search.seeds.order in (None, "delta_v")
     problem = spec_of(campaign).problem
+    cases = source_spec.outage_sets
+    if search.is_refinement:
+        cases = _cut_finer(cases, problem, spec_of(session.get_one(CampaignRow, source.campaign_id)).problem)
     found: dict[str, Candidate] = {}
     for key, case, chain, hop, delta_v, time_of_flight, x in session.execute(
         query.execution_options(yield_per=STEP)
     ):
         if key not in found:
             shape = None if x is None else features(problem, x)
-            cases = source_spec.outage_sets
             found[key] = Candidate(key, (case, chain, hop), cases[case], delta_v, time_of_flight, shape)
         if is_ordered and len(found) == most:
             break
     return list(found.values())
 
 
+def _cut_finer(cases: Cases, problem: Problem, coarser: Problem) -> Cases:
+    """Return the cases of a coarser problem in the segments of a finer one."""
+    factor = problem.n_segments // coarser.n_segments
+    return tuple(tuple((factor * (segment - 1) + 1, days) for segment, days in case) for case in cases)
+
+
 def n_candidates(session: Session, row: SearchRow, search: SearchSpec) -> int:
     """Return how many candidates there are."""
     assert search.seeds is not None
+    if search.seeds.only is not None:
+        return len(search.seeds.only)
     counted = tallies(session, SearchRow.id == row.source_id).get(row.source_id or 0, {})
     noun = "strict" if search.seeds.tolerance == "strict" else "solution"
     return n_solutions(counted.get(noun, {}), "search")

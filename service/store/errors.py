@@ -16,8 +16,8 @@ class StoreError(RuntimeError):
 class UnknownRow(StoreError):
     """No row has this id."""
 
-    def __init__(self, noun: str, key: object) -> None:
-        super().__init__(f"{noun} {key}: expected one that exists, got none with this id")
+    def __init__(self, noun: str, key: object, found: str = "none with this id") -> None:
+        super().__init__(f"{noun} {key}: expected one that exists, got {found}")
 
 
 class Conflict(StoreError):

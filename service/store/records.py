@@ -15,6 +15,7 @@ from service.api.schemas import (
     RecordPage,
     RecordWithVector,
 )
+from service.api.solution_schemas import RecordInFull
 from service.db.tables import (
     AttemptRow,
     CampaignRow,
@@ -26,6 +27,7 @@ from service.db.tables import (
     SolutionRow,
     SolveRow,
 )
+from service.store.certificates import latest_row
 from service.store.errors import StoreError, UnknownRow
 from service.store.filter import Filter, Wanted
 from service.store.page import Begin, Order, ids_of_page
@@ -75,12 +77,15 @@ def list_records(
     return RecordPage(items=[records[key] for key in ids], next=following)
 
 
-def get_record(session: Session, solution_id: str) -> RecordWithVector:
+def get_record(session: Session, solution_id: str) -> RecordInFull:
     """Return a solution with its vector, as it was first found."""
     found = _found(session, _records(session, Filter()).where(SolutionRow.id == solution_id))
     if not found:
         raise UnknownRow("solution", solution_id)
-    return _with_vector(found[0])
+    certificate = latest_row(session, solution_id)
+    return RecordInFull(
+        **_with_vector(found[0]).model_dump(), certificate_hash=certificate.hash if certificate else None
+    )
 
 
 def all_records(session: Session, wanted: Filter, order: Order, limit: int | None) -> list[RecordWithVector]:

@@ -14,7 +14,7 @@ from service.api import schemas
 from service.api.history_schemas import CampaignCard, HistoryView
 from service.api.lineage_schemas import LineageGraph, Reproduction
 from service.api.problem_schemas import ProblemFamily
-from service.api.solution_schemas import ChoicesView, ClusterPage, PointsView
+from service.api.solution_schemas import ChoicesView, ClusterPage, PointsView, RecordInFull
 from service.db.engine import Database
 from service.db.place import place_of
 from service.scheduler.leases import LeaseSettings
@@ -43,6 +43,7 @@ from service.store import (
     workers,
 )
 from service.store.activity import Activity
+from service.store.certificates import Certificates
 from service.store.chronicles import Chronicles
 from service.store.control import Verb
 from service.store.errors import StoreError, UnknownRow
@@ -77,6 +78,8 @@ class Store:
         self.gauges = Gauges(self._database, clock, leases.lease_s)
         #: Searches hop by hop, attempts and the queue.
         self.activity = Activity(self._database, clock, leases)
+        #: What independent flights certify.
+        self.certificates = Certificates(self._database)
         self._chronicles = Chronicles(self._database)
 
     def __enter__(self) -> Self:
@@ -276,7 +279,7 @@ class Store:
                 return
             after = page[-1].id
 
-    def record(self, solution_id: str) -> schemas.RecordWithVector:
+    def record(self, solution_id: str) -> RecordInFull:
         """Return a solution."""
         with self._database.read() as session:
             return records.get_record(session, solution_id)

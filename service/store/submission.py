@@ -26,6 +26,7 @@ from service.store.errors import KeyReused
 from service.store.events import note, note_search
 from service.store.find import find_campaign
 from service.store.held import Worked
+from service.store.named_seeds import require_all, require_coarser
 from service.store.specs import search_spec, spec_of
 
 _JOB = plain(JobRow).c
@@ -113,6 +114,11 @@ def _take_known_seeds(session: Session, campaign: CampaignRow, now: float) -> No
         if search.seeds is None or search.seeds.campaign is None:
             continue
         known = candidates(session, campaign, row, search)
+        if search.names_seeds:
+            jobs = plan.jobs_of_seeds(spec, search, known)
+            require_all(search, known, jobs)
+            add_jobs(session, search, row, jobs, now)
+            continue
         if not known and session.get_one(SearchRow, row.source_id).state in ENDED:
             about = f"search {search.id}: seeds.from: expected {search.seeds.tolerance} solutions"
             raise SpecError(f"{about}, got none from {search.seeds.full_name}, which has ended")
@@ -132,7 +138,10 @@ def _source_id(session: Session, spec: Spec, search: SearchSpec, ids: dict[str, 
     about = f"search {search.id}: seeds.from"
     if row is None:
         raise SpecError(f"{about}: expected a search of campaign {other.name}, got {search.seeds.source!r}")
-    if spec_of(other).problem.hash != spec.problem.hash:
+    problem = spec_of(other).problem
+    if search.is_refinement:
+        require_coarser(problem, spec.problem, about)
+    elif problem.hash != spec.problem.hash:
         raise SpecError(
             f"{about}: expected the same reference problem, got another one in campaign {other.name}"
         )
@@ -227,6 +236,7 @@ def _advance_search(
     session: Session, campaign: CampaignRow, row: SearchRow, source_has_ended: bool, now: float
 ) -> None:
     search = search_spec(campaign, row)
+    source_has_ended |= search.names_seeds
     progress = progress_of(session, search, row, source_has_ended)
     if plan.is_exhausted(search, progress) and progress.n_queued:
         queued = (JobRow.search_id == row.id) & (JobRow.state == "queued")
@@ -257,7 +267,7 @@ def _chosen_seeds(
 ) -> list[PlannedJob]:
     """Return the map jobs of a search that chooses among the seeds when they are complete."""
     search = search_spec(campaign, row)
-    if search.seeds is None or search.is_immediate or not progress.source_has_ended:
+    if search.seeds is None or search.is_immediate or search.names_seeds or not progress.source_has_ended:
         return []
     is_first = row.state == "waiting" or (row.state == "paused" and not row.n_planned)
     if not is_first:

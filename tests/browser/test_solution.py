@@ -4,9 +4,11 @@ import json
 
 import pytest
 
+from service.api.certificate_examples import EXAMPLES
 from service.store.filter import Filter
 from tests.acceptance import known
 from tests.browser.conftest import SCREENS
+from workers.certificate import CertificateDocument
 
 #: Compressed bytes of a page with plots, and when its facts and tables stand [ms].
 MOST_BYTES, FIRST_PAINT_MS = 1_600_000, 1000.0
@@ -212,3 +214,20 @@ def test_facts_and_tables_stand_within_a_second_and_the_page_is_small(robust, vi
             )
         )
     assert min(shown) < FIRST_PAINT_MS, shown
+
+
+def test_a_certificate_is_shown_when_there_is_one_and_else_how_to_make_it(archive, visit):
+    store, url = archive
+    solution_id = store.certificates.ids(Filter(search="s0"))[0]
+    page = visit(f"{url}/solutions/{solution_id}")
+    assert f"coastarc solutions verify {solution_id[:8]}" in page.inner_text("#certificate")
+    example = CertificateDocument.model_validate(EXAMPLES[CertificateDocument])
+    content = example.content.model_copy(update={"solution_id": solution_id, "marks": ("too low",)})
+    store.certificates.add(example.model_copy(update={"content": content}), "here")
+    page = visit(f"{url}/solutions/{solution_id}")
+    assert example.hash == page.inner_text("#certificate-hash") and "too low" in page.inner_text(
+        "#certificate"
+    )
+    rows = page.locator("#certificate tbody tr")
+    assert rows.count() == 2 and "0.14\u00a0km" in rows.nth(0).inner_text()
+    assert page.locator("#downloads a[href$='/certificate']").count() == 1

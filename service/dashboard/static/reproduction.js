@@ -48,7 +48,7 @@ async function copy(button, text, words) {
 
 /**
  * @param {HTMLElement} place
- * @param {{ id: string }} record
+ * @param {{ id: string, certificate_hash: string | null }} record
  */
 export function showDownloads(place, record) {
   const own = `/solutions/${record.id}`;
@@ -59,6 +59,7 @@ export function showDownloads(place, record) {
     ["States and controls", "CSV", address(`${own}/export`, { format: "csv" }), `${name}-states.csv`],
     ["Decision vector", "CSV", address(`${own}/export`, { format: "csv", what: "vector" }), `${name}-vector.csv`],
   ];
+  if (record.certificate_hash) files.push(["Certificate", "JSON", address(`${own}/certificate`), `${name}-certificate.json`]);
   fill(
     place,
     files.map(([words, kind, href, download]) => el("li", {}, el("a", { href, download }, words), el("span", { class: "muted" }, ` ${kind}`))),

@@ -85,3 +85,33 @@ def problem_with(path, n_segments, outages, **changes):
 def vector(shooting, initial, final, segments, final_mass):
     controls = [number for arc in segments for number in arc[1:]]
     return np.array([shooting, initial, final, *controls, final_mass])
+
+
+SEGMENTS = [
+    Arc(1.5, 0.9, 0.3, 0.1),
+    Arc(1.5, 0.0, 0.7, 0.2),
+    Arc(1.5, 0.6, -1.2, 0.4),
+    Arc(1.5, 1.0, 2.5, -0.3),
+    Arc(1.5, 0.4, -2.9, -0.6),
+    Arc(1.5, 0.8, 1.1, 0.5),
+]
+#: Recoveries after outages of 0.5 days at segments 2 (in the forward half) and 5 (in the backward half).
+EARLY = [Arc(1.2, 0.7, 1.9, 0.2), Arc(1.2, 0.3, -0.4, 0.1), Arc(1.2, 1.0, 0.6, -0.8), Arc(1.2, 0.5, 3.0, 0.3)]
+LATE = [Arc(1.0, 0.9, -2.0, 0.7)]
+
+
+def known_transfer(path):
+    """Return a P_2 and its exact x: initial coasts 2, 0.25 and 0 days, final ones 0.5, 0.25 and 0.75 days."""
+    reference, epochs = fly(0.0, START, [Arc(2.0), *SEGMENTS, Arc(0.5)])
+    early, early_epochs = fly(epochs[2], reference[2], [Arc(0.5), Arc(0.25), *EARLY, Arc(0.25)])
+    late, late_epochs = fly(epochs[5], reference[5], [Arc(0.5), *LATE, Arc(0.75)])
+    ends = [(epochs[-1], reference[-1]), (early_epochs[-1], early[-1]), (late_epochs[-1], late[-1])]
+    write_target(path, ends)
+    x = np.concatenate(
+        [
+            vector(9.0, 2.0, 0.5, SEGMENTS, reference[-1][6]),
+            vector(4.8, 0.25, 0.25, EARLY, early[-1][6]),
+            vector(1.0, 0.0, 0.75, LATE, late[-1][6]),
+        ]
+    )
+    return problem_with(path, 6, [(2, 0.5), (5, 0.5)]), x

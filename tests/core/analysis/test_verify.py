@@ -7,19 +7,7 @@ from core.analysis import verify as judge
 from core.analysis.verify import holds, verify
 from core.tolerances import PAPER, STRICT
 from tests.core.analysis import by_hand
-from tests.core.analysis.by_hand import START, Arc, fly, problem_with, vector, write_target
-
-SEGMENTS = [
-    Arc(1.5, 0.9, 0.3, 0.1),
-    Arc(1.5, 0.0, 0.7, 0.2),
-    Arc(1.5, 0.6, -1.2, 0.4),
-    Arc(1.5, 1.0, 2.5, -0.3),
-    Arc(1.5, 0.4, -2.9, -0.6),
-    Arc(1.5, 0.8, 1.1, 0.5),
-]
-#: Recoveries after outages of 0.5 days at segments 2 (in the forward half) and 5 (in the backward half).
-EARLY = [Arc(1.2, 0.7, 1.9, 0.2), Arc(1.2, 0.3, -0.4, 0.1), Arc(1.2, 1.0, 0.6, -0.8), Arc(1.2, 0.5, 3.0, 0.3)]
-LATE = [Arc(1.0, 0.9, -2.0, 0.7)]
+from tests.core.analysis.by_hand import known_transfer, problem_with
 
 
 @pytest.fixture(autouse=True)
@@ -31,20 +19,7 @@ def any_coverage(monkeypatch):
 @pytest.fixture(scope="module")
 def transfer(tmp_path_factory):
     """A P_2 and its exact x: initial coasts 2, 0.25 and 0 days, final coasts 0.5, 0.25 and 0.75 days."""
-    path = tmp_path_factory.mktemp("spk") / "by_hand.bsp"
-    reference, epochs = fly(0.0, START, [Arc(2.0), *SEGMENTS, Arc(0.5)])
-    early, early_epochs = fly(epochs[2], reference[2], [Arc(0.5), Arc(0.25), *EARLY, Arc(0.25)])
-    late, late_epochs = fly(epochs[5], reference[5], [Arc(0.5), *LATE, Arc(0.75)])
-    ends = [(epochs[-1], reference[-1]), (early_epochs[-1], early[-1]), (late_epochs[-1], late[-1])]
-    write_target(path, ends)
-    x = np.concatenate(
-        [
-            vector(9.0, 2.0, 0.5, SEGMENTS, reference[-1][6]),
-            vector(4.8, 0.25, 0.25, EARLY, early[-1][6]),
-            vector(1.0, 0.0, 0.75, LATE, late[-1][6]),
-        ]
-    )
-    return problem_with(path, 6, [(2, 0.5), (5, 0.5)]), x
+    return known_transfer(tmp_path_factory.mktemp("spk") / "by_hand.bsp")
 
 
 def test_a_transfer_flown_by_hand_has_no_defects(transfer):

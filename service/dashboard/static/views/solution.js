@@ -2,6 +2,7 @@
 /** One solution: its flight, its defects, where it came from, and how to find it again. */
 
 import { find, get } from "../api.js";
+import { showCertificate } from "../certificate.js";
 import { DefectFigure, showDefectTable } from "../defects.js";
 import { byId, el, fill } from "../dom.js";
 import { dateOf } from "../flight.js";
@@ -32,6 +33,8 @@ async function refresh(events, isAll) {
     showRecord();
     lineage.show(known);
     showReproduction(byId("reproduction"), record, known.command);
+    const certificate = record.certificate_hash && (await find(`/solutions/${id}/certificate`));
+    showCertificate(byId("certificate"), certificate, id);
     performance.mark("solution-shown");
     // Its picture takes seconds on a slow machine; the rest of the page does not wait for it.
     flying = flight.load(id, (day) => dateOf(record, day));

@@ -1,0 +1,159 @@
+"""What a solution can be trusted with: flown again in halves and through, past which bodies, on what mass.
+
+What flows in: a problem, its decision vector, and how low a trajectory may pass.  What flows out: plain
+numbers, the same for the same solution on the same machine; who asked, when, and with which packages is
+added by those who store it.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+from core.analysis.approaches import Approach, Closest
+from core.analysis.halves import Plan, departure_of, fly_all, pilot_of, plans_of
+from core.analysis.reflight import Array, Pilot
+from core.analysis.through import Through, fly_through
+from core.analysis.verify import Verification, loaded_target, weighed
+from core.ephemeris.kernels import one_at_a_time
+from core.problem import Outage, Problem
+
+
+class MassBudget(NamedTuple):
+    """Where the mass of one trajectory goes [kg]; coasts and outages use nothing."""
+
+    #: When the parking orbit is left, before the spiral; and when the transfer begins.
+    wet: float
+    departure: float
+    #: Used on the spiral, by the reference until the outage, and in the trajectory's own segments.
+    spiral: float
+    before_outage: float
+    segments: float
+    #: Found by the flight, as against the m_f of the decision vector.
+    arrival: float
+    stated_arrival: float
+    #: What is left above the dry mass; may be negative.
+    spare: float
+
+
+class Mark(NamedTuple):
+    """A passage that is too low."""
+
+    #: 0 for the reference.
+    trajectory: int
+    approach: Approach
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlownAgain:
+    """One trajectory of a solution as an independent flight finds it."""
+
+    #: None for the reference.
+    outage: Outage | None
+    #: Closest approaches as planned, in halves, and flown through.
+    closest: tuple[Approach, ...]
+    closest_through: tuple[Approach, ...]
+    through: Through
+    mass: MassBudget
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Certification:
+    """All that is certified about a solution; trajectory 0 is the reference."""
+
+    verification: Verification
+    trajectories: tuple[FlownAgain, ...]
+    #: How low a trajectory may pass [km].
+    min_altitude_km: float
+    marks: tuple[Mark, ...]
+
+    @property
+    def level(self) -> Literal["strict", "paper", "none"]:
+        """strict, paper or none."""
+        found = self.verification
+        return "strict" if found.strict else "paper" if found.paper else "none"
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether the defects hold, at least at the paper's tolerance, and no passage is too low."""
+        return self.level != "none" and not self.marks
+
+
+@one_at_a_time
+def certify(problem: Problem, x: Array, min_altitude_km: float = 0.0) -> Certification:
+    """Fly a solution again, in halves and through, and take stock.
+
+    Parameters
+    ----------
+    problem : Problem
+        P_k.
+    x : (n_variables,) array
+        Decision vector [days, rad, kg], as for `verify`.
+    min_altitude_km : float
+        Lowest passage of the Earth or the Moon that is not marked [km].
+
+    Returns
+    -------
+    Certification
+        The verdict, and for each trajectory its closest approaches [km], how far from the target it arrives
+        if nothing is corrected [km, km/s], and its masses [kg].
+
+    Raises
+    ------
+    ValueError
+        When x has another shape than the problem asks for, or is not finite.
+
+    References
+    ----------
+    docs/verification.md.
+    """
+    plans, (kernel, naif_id), pilot = plans_of(problem, x), loaded_target(problem), pilot_of(problem)
+    planned, through = ([Closest(pilot) for _ in plans] for _ in range(2))
+    flights = fly_all(pilot, problem, plans, naif_id, planned)
+    flown_through = fly_through(pilot, problem, plans, naif_id, through)
+    trajectories = tuple(
+        FlownAgain(
+            outage=problem.outages[i - 1] if i else None,
+            closest=planned[i].approaches,
+            closest_through=through[i].approaches,
+            through=flown_through[i],
+            mass=_mass(problem, pilot, plans, i),
+        )
+        for i in range(len(plans))
+    )
+    return Certification(
+        verification=weighed(problem, plans, flights, kernel, pilot.n_evaluations),
+        trajectories=trajectories,
+        min_altitude_km=min_altitude_km,
+        marks=_too_low(trajectories, min_altitude_km),
+    )
+
+
+def _too_low(trajectories: tuple[FlownAgain, ...], limit_km: float) -> tuple[Mark, ...]:
+    return tuple(
+        Mark(index, approach)
+        for index, flown in enumerate(trajectories)
+        for approach in flown.closest
+        if not approach.altitude_km >= limit_km
+    )
+
+
+def _mass(problem: Problem, pilot: Pilot, plans: list[Plan], index: int) -> MassBudget:
+    """Return the masses of a trajectory, by the flow of each of its segments."""
+    wet, departure = problem.spacecraft.wet_mass_kg, float(departure_of(problem)[1][6])
+    outage = problem.outages[index - 1] if index else None
+    before = _used(pilot, plans[0], outage.segment - 1) if outage else 0.0
+    used = _used(pilot, plans[index], len(plans[index].controls))
+    arrival = departure - before - used
+    return MassBudget(
+        wet=wet,
+        departure=departure,
+        spiral=wet - departure,
+        before_outage=before,
+        segments=used,
+        arrival=arrival,
+        stated_arrival=plans[index].final_mass,
+        spare=arrival - problem.spacecraft.dry_mass_kg,
+    )
+
+
+def _used(pilot: Pilot, plan: Plan, n_segments: int) -> float:
+    return sum(pilot.thrust(control)[3] * plan.segment_duration for control in plan.controls[:n_segments])

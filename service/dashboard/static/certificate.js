@@ -1,0 +1,81 @@
+// @ts-check
+/** The certificate of a solution: what an independent flight found, trajectory by trajectory. */
+
+import { el, fill } from "./dom.js";
+import { epoch, number, small } from "./format.js";
+
+/**
+ * @typedef {{ body: string, altitude_km: number, epoch: string, days: number }} Approach
+ * @typedef {{ arrival_miss: (number | null)[], failure: string }} Through
+ * @typedef {{ wet: number, spiral: number, departure: number, before_outage: number, segments: number, arrival: number, spare: number }} Mass
+ * @typedef {{ name: string, position_km: number | null, closest: Approach[], through: Through, mass: Mass }} Flown
+ * @typedef {{ level: string, is_sound: boolean, min_altitude_km: number, marks: string[], failure: string, trajectories: Flown[] }} Content
+ * @typedef {{ content: Content, hash: string, made_at: string, made_on: string, checked_at: string }} Certificate
+ */
+
+const HEAD = ["Trajectory", "Miss at arrival", "Lowest over the Earth", "Lowest over the Moon", "Propellant", "Arrives with"];
+
+/**
+ * @param {HTMLElement} place
+ * @param {Certificate | null} found
+ * @param {string} id
+ */
+export function showCertificate(place, found, id) {
+  if (!found) {
+    const command = el("code", {}, `coastarc solutions verify ${id.slice(0, 8)}`);
+    return fill(place, el("p", { class: "muted" }, "None yet. ", command, " flies the solution again, independently, and makes one."));
+  }
+  const { content } = found;
+  const reasons = [...content.marks, content.failure].filter(Boolean);
+  fill(
+    place,
+    el("p", {}, pill(content), " ", el("code", { id: "certificate-hash", title: "Hash of the content" }, found.hash)),
+    reasons.length > 0 && el("ul", { class: "marks" }, reasons.map((reason) => el("li", {}, reason))),
+    el("div", { class: "scroll inset" }, table(content.trajectories)),
+    el("p", { class: "muted caption" }, words(found)),
+  );
+}
+
+/** @param {Content} content */
+function pill(content) {
+  const kind = content.is_sound ? content.level : "none";
+  return el("span", { class: "pill", "data-verdict": kind }, content.is_sound ? `sound, ${content.level}` : "not sound");
+}
+
+/** @param {Certificate} found */
+function words(found) {
+  const limit = number(found.content.min_altitude_km, 0, "km");
+  const again = found.checked_at === found.made_at ? "" : `, found again ${found.checked_at.slice(0, 10)}`;
+  return (
+    "Miss: how far from the target each trajectory arrives if it is flown from the departure and nothing is corrected. " +
+    `Passages below ${limit} are marked. Made ${found.made_at.slice(0, 10)} on ${found.made_on}${again}.`
+  );
+}
+
+/** @param {Flown[]} trajectories */
+function table(trajectories) {
+  const head = el("thead", {}, el("tr", {}, HEAD.map((text, i) => el("th", { scope: "col", class: i ? "number" : null }, text))));
+  const caption = el("caption", { class: "visually-hidden" }, "What the flight of each trajectory found");
+  return el("table", {}, caption, head, el("tbody", {}, trajectories.map(row)));
+}
+
+/** @param {Flown} flown */
+function row(flown) {
+  const { mass, through } = flown;
+  const miss = through.failure || small(through.arrival_miss[0], "km");
+  return el(
+    "tr",
+    {},
+    el("th", { scope: "row" }, flown.name),
+    el("td", { class: "number" }, miss),
+    ...["Earth", "Moon"].map((body) => lowest(flown.closest.find((one) => one.body === body))),
+    el("td", { class: "number", title: `departs with ${number(mass.departure, 2, "kg")}` }, number(mass.before_outage + mass.segments, 2, "kg")),
+    el("td", { class: "number", title: `${number(mass.spare, 2, "kg")} above the dry mass` }, number(mass.arrival, 2, "kg")),
+  );
+}
+
+/** @param {Approach | undefined} approach */
+function lowest(approach) {
+  if (!approach) return el("td", { class: "number" }, "–");
+  return el("td", { class: "number", title: epoch(approach.epoch) }, number(approach.altitude_km, 0, "km"));
+}

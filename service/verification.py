@@ -1,0 +1,173 @@
+"""Certifying the solutions of an archive, one or all: which, by how many processes, and how it went.
+
+Every certificate is stored as soon as it is made, so an interruption loses nothing but the flights under way.
+
+    VerificationError(ValueError)   a wish for solutions that cannot be met
+"""
+
+import multiprocessing
+import signal
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from itertools import islice
+
+from pydantic import BaseModel
+
+from service.store import Store
+from service.store.certificates import Subject
+from service.store.filter import Filter
+from workers.certificate import CertificateDocument
+
+#: How trustworthy a level is.
+RANKS = {"none": 0, "paper": 1, "strict": 2}
+#: Solutions handed to a process before its last one is done.
+AHEAD = 2
+
+
+class VerificationError(ValueError):
+    """A wish for solutions that cannot be met."""
+
+
+class Verified(BaseModel):
+    """How the verification of one solution ended."""
+
+    solution_id: str
+    #: As archived, and as certified; no certificate where the flight could not even begin.
+    level_before: str
+    level: str
+    is_sound: bool
+    #: Sound, and no worse than archived.
+    is_good: bool
+    #: Largest of its trajectories [km].
+    arrival_miss_km: float | None = None
+    #: Lowest of its trajectories [km].
+    earth_altitude_km: float | None = None
+    moon_altitude_km: float | None = None
+    hash: str | None = None
+    #: Whether no certificate with this content was there before.
+    is_new: bool = False
+    cpu_seconds: float = 0.0
+    #: Why it is not good.
+    reasons: list[str] = []
+
+
+class Summary(BaseModel):
+    """How the verification of some solutions ended: what `coastarc solutions verify --json` prints."""
+
+    n_wanted: int
+    n_verified: int
+    n_failed: int
+    #: Left out, since they were found sound with the same code, packages and settings.
+    n_skipped: int
+    is_complete: bool
+    items: list[Verified]
+
+
+def wanted_ids(store: Store, prefixes: Sequence[str], campaign: str | None, is_all: bool) -> list[str]:
+    """Return the ids of the solutions that a user names, in one of three ways."""
+    ways = [bool(prefixes), campaign is not None, is_all]
+    if sum(ways) != 1:
+        raise VerificationError(
+            f"verify: expected ids of solutions, --campaign or --all, got {sum(ways) or 'none'} of these"
+        )
+    if prefixes:
+        return list(dict.fromkeys(store.find_solution(prefix) for prefix in prefixes))
+    owner = None if campaign is None else store.find_campaign(campaign)
+    return store.certificates.ids(Filter(campaign=owner))
+
+
+def fresh_ids(store: Store, ids: Sequence[str], min_altitude_km: float) -> list[str]:
+    """Return those that were not found sound with this code, these packages and this altitude."""
+    from workers.certifier import basis
+
+    known = store.certificates.sound_on(basis(min_altitude_km))
+    return [one for one in ids if one not in known]
+
+
+def verify_solutions(
+    store: Store, ids: Sequence[str], min_altitude_km: float, n_processes: int = 1
+) -> Iterator[Verified]:
+    """Certify solutions, store each certificate, and yield how each one went as it is done."""
+    from workers.certifier import basis
+
+    here = basis(min_altitude_km)
+    subjects = (store.certificates.subject(one) for one in ids)
+    for subject, found in _certified(subjects, min_altitude_km, n_processes):
+        if isinstance(found, str):
+            reasons = [f"cannot be flown: {found}"]
+            yield Verified(
+                solution_id=subject.id,
+                level_before=subject.level,
+                level="none",
+                is_sound=False,
+                is_good=False,
+                reasons=reasons,
+            )
+        else:
+            yield _judged(subject, found, store.certificates.add(found, here))
+
+
+def _judged(subject: Subject, found: CertificateDocument, is_new: bool) -> Verified:
+    content = found.content
+    reasons = [*content.marks, *([content.failure] if content.failure else [])]
+    is_worse = RANKS[content.level] < RANKS[subject.level]
+    if is_worse:
+        reasons.append(f"expected defects within the {subject.level} tolerance, got {content.level}")
+    misses = [trajectory.through.arrival_miss[0] for trajectory in content.trajectories]
+    closest = [approach for trajectory in content.trajectories for approach in trajectory.closest]
+    lowest = {
+        body: min((one.altitude_km for one in closest if one.body == body), default=None)
+        for body in ("Earth", "Moon")
+    }
+    return Verified(
+        solution_id=subject.id,
+        level_before=subject.level,
+        level=content.level,
+        is_sound=content.is_sound,
+        is_good=content.is_sound and not is_worse,
+        arrival_miss_km=None if None in misses else max(miss for miss in misses if miss is not None),
+        earth_altitude_km=lowest["Earth"],
+        moon_altitude_km=lowest["Moon"],
+        hash=found.hash,
+        is_new=is_new,
+        cpu_seconds=found.cpu_seconds,
+        reasons=reasons,
+    )
+
+
+def _certified(
+    subjects: Iterable[Subject], min_altitude_km: float, n_processes: int
+) -> Iterator[tuple[Subject, CertificateDocument | str]]:
+    if n_processes == 1:
+        for subject in subjects:
+            yield subject, _certify(subject, min_altitude_km)
+        return
+    # SPICE keeps state in global variables, so processes begin anew instead of as copies.
+    pool = ProcessPoolExecutor(n_processes, multiprocessing.get_context("spawn"), _leave_signals_to_parent)
+    try:
+        rest = iter(subjects)
+        flying: dict[Future[CertificateDocument | str], Subject] = {}
+        while True:
+            for subject in islice(rest, AHEAD * n_processes - len(flying)):
+                flying[pool.submit(_certify, subject, min_altitude_km)] = subject
+            if not flying:
+                return
+            for future in wait(flying, return_when=FIRST_COMPLETED).done:
+                yield flying.pop(future), future.result()
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _leave_signals_to_parent() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _certify(subject: Subject, min_altitude_km: float) -> CertificateDocument | str:
+    """Return the certificate of a solution, or why its problem cannot be flown on this machine."""
+    from core.problem import ProblemError, problem_from
+    from workers.certifier import certificate_of
+
+    try:
+        return certificate_of(subject.id, problem_from(subject.definition), subject.x, min_altitude_km)
+    except (ProblemError, OSError) as error:
+        return str(error)

@@ -1,0 +1,128 @@
+"""`coastarc solutions verify` on real solutions, flown by SciPy and SPICE."""
+
+import json
+import shutil
+import sys
+
+import pytest
+
+from core.problem import content_hash
+from service import cli, cli_verify
+from service.spec import spec_from
+from service.store import Store
+from service.store.filter import Filter
+from service.verification import verify_solutions
+from tests.acceptance.known import OUTAGE, SPEC, run_known
+from tests.service.campaigns import finish, spec_fields
+from workers.inline import Inline
+
+SMALL = SPEC | {"search": [SPEC["search"][0] | {"guesses": 1}, SPEC["search"][1]]}
+
+
+@pytest.fixture(scope="module")
+def verified(tmp_path_factory):
+    """An archive of one P_0 and the P_1 that it seeded, both certified, and how that went."""
+    folder = tmp_path_factory.mktemp("verified")
+    with Store(folder) as store:
+        store.submit(spec_from(SMALL))
+        finish(store, Inline(run_known))
+        ids = store.certificates.ids(Filter())
+        items = list(verify_solutions(store, ids, 0.0))
+    return folder, items
+
+
+@pytest.fixture
+def archive(verified, tmp_path):
+    return shutil.copytree(verified[0], tmp_path / "archive")
+
+
+@pytest.fixture
+def coastarc(archive, monkeypatch, capsys):
+    """Return a function that runs a command on the archive: (exit code, stdout, stderr)."""
+    monkeypatch.setattr(cli.console, "_width", 200)
+
+    def call(*words):
+        monkeypatch.setattr(sys, "argv", ["coastarc", *map(str, words), "--data", str(archive)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        return end.value.code or 0, *capsys.readouterr()
+
+    return call
+
+
+def test_known_solutions_are_good_and_arrive_though_nothing_is_corrected(verified):
+    _, items = verified
+    assert [item.level for item in items] == ["strict", "strict"]
+    # Closed to 1e-12 by another integrator: what is left grows a hundredfold on the way, to metres.
+    assert all(item.is_good and item.is_new and item.arrival_miss_km < 1.0 for item in items)
+
+
+def test_a_certificate_hashes_its_content_and_names_what_it_was_made_with(archive):
+    with Store(archive, read_only=True) as store:
+        robust = store.certificates.latest(store.certificates.ids(Filter(k=1))[0])
+    content = robust.content
+    assert robust.hash == content_hash(content.model_dump(mode="json"))
+    assert [one.outage_segment for one in content.trajectories] == [None, OUTAGE["segment"]]
+    assert content.kernels["de440.bsp"] == "c9d581bfd84209dbeee8b1583939b148"
+    assert {"numpy", "scipy", "spiceypy"} <= set(content.package_versions) and content.constants[
+        "G0"
+    ] == 9.806
+
+
+def test_two_processes_find_the_certificates_again_that_one_made_before(archive, verified):
+    with Store(archive) as store:
+        items = list(verify_solutions(store, [item.solution_id for item in verified[1]], 0.0, 2))
+        first = store.certificates.latest(items[0].solution_id)
+    assert {item.hash for item in items} == {item.hash for item in verified[1]}
+    assert not any(item.is_new for item in items) and first.checked_at > first.made_at
+
+
+def test_stale_leaves_out_what_was_found_sound_with_the_same_settings(coastarc, verified):
+    code, said, _ = coastarc("solutions", "verify", "--all", "--stale")
+    assert code == 0 and "0 verified, 0 failed; 2 left out, found sound before" in said
+
+
+def test_a_passage_below_the_altitude_asked_for_fails_and_is_named(coastarc, verified):
+    first = verified[1][0]
+    limit = first.moon_altitude_km + 1.0
+    words = ("solutions", "verify", first.solution_id[:8], "--stale", "--min-altitude-km", limit)
+    code, said, _ = coastarc(*words, "--workers", 1)
+    assert code == 1 and "1 verified, 1 failed" in said
+    assert f"passes the Moon at {first.moon_altitude_km:.3f} km on 2026-" in said
+
+
+def test_a_solution_that_claims_what_it_does_not_hold_fails(coastarc, archive):
+    with Store(archive) as store:
+        campaign, _ = store.submit(
+            spec_from(spec_fields(guesses=2, campaign={"name": "made up", "rng_seed": 3}))
+        )
+        finish(store, n_steps=2)
+        n_made_up = len(store.certificates.ids(Filter(campaign=campaign)))
+    code, said, _ = coastarc("solutions", "verify", "--campaign", "made up", "--json", "--workers", 1)
+    found = json.loads(said)
+    assert code == 1 and found["n_failed"] == n_made_up > 0
+    assert all(item["reasons"] and item["level"] == "none" for item in found["items"])
+
+
+def test_an_interruption_keeps_what_was_done(coastarc, monkeypatch):
+    def interrupted(*arguments):
+        yield next(iter(verify_solutions(*arguments)))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli_verify, "verify_solutions", interrupted)
+    code, said, _ = coastarc("solutions", "verify", "--all", "--workers", 1)
+    assert code == 130 and "1 verified, 0 failed" in said and "--stale goes on with the rest" in said
+
+
+def test_a_certificate_is_shown_with_its_solution(coastarc, verified):
+    best = verified[1][0]
+    _, said, _ = coastarc("solutions", "show", best.solution_id)
+    assert f"certificate: {best.hash}, strict, sound" in said and "reference" in said
+    _, said, _ = coastarc("solutions", "show", best.solution_id, "--json")
+    assert json.loads(said)["certificate"]["hash"] == best.hash
+
+
+@pytest.mark.parametrize("words", [(), ("abc", "--all"), ("--campaign", "1", "--all")])
+def test_one_way_to_name_solutions_is_needed(coastarc, words):
+    code, _, said = coastarc("solutions", "verify", *words)
+    assert code == 2 and "expected ids of solutions, --campaign or --all" in said and "\n" not in said.strip()

@@ -1,0 +1,152 @@
+"""Makes certificates: flies a solution again and writes down what it found, and with what.
+
+Here alone the numbers of `core.analysis.certificate` meet a clock and the versions of packages.
+"""
+
+import platform
+import time
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core import constants
+from core.analysis.approaches import Approach
+from core.analysis.certificate import Certification, FlownAgain, certify
+from core.analysis.reflight import ATOL
+from core.problem import Problem, calendar_epoch, content_hash
+from workers.certificate import (
+    CERTIFICATE_VERSION,
+    CertificateContent,
+    CertificateDocument,
+    CertifiedApproach,
+    CertifiedIntegrator,
+    CertifiedMass,
+    CertifiedThrough,
+    CertifiedTrajectory,
+    Pair,
+    trajectory_name,
+)
+from workers.provenance import provenance
+
+#: Constants that a flight depends on, by their names in `core.constants`.
+CONSTANTS = ("GM_EARTH", "GM_MOON", "GM_SUN", "GM_JUPITER", "RADIUS_EARTH_KM", "RADIUS_MOON_KM", "G0")
+
+
+def basis(min_altitude_km: float) -> str:
+    """Return the identity of all that a certificate depends on beside its solution.
+
+    Two certificates of one solution on one basis have the same content.
+    """
+    return content_hash({"min_altitude_km": min_altitude_km, **_made_with()})
+
+
+def certificate_of(
+    solution_id: str, problem: Problem, x: NDArray[np.float64], min_altitude_km: float = 0.0
+) -> CertificateDocument:
+    """Fly a solution again and return its certificate."""
+    began = time.process_time()
+    found = certify(problem, x, min_altitude_km)
+    content, now = _content(solution_id, problem, found), datetime.now(UTC)
+    return CertificateDocument(
+        content=content,
+        hash=content_hash(content.model_dump(mode="json")),
+        made_at=now,
+        made_on=provenance().host,
+        cpu_seconds=time.process_time() - began,
+        checked_at=now,
+    )
+
+
+def _content(solution_id: str, problem: Problem, found: Certification) -> CertificateContent:
+    flight = found.verification
+    return CertificateContent(
+        solution_id=solution_id,
+        problem_hash=problem.hash,
+        k=problem.k,
+        level=found.level,
+        is_sound=found.is_sound,
+        min_altitude_km=found.min_altitude_km,
+        marks=tuple(
+            f"{trajectory_name(mark.trajectory)} passes the {mark.approach.body} at "
+            f"{mark.approach.altitude_km:.3f} km on {calendar_epoch(mark.approach.et)} TDB, below "
+            f"{found.min_altitude_km:g} km"
+            for mark in found.marks
+        ),
+        failure=flight.failure,
+        trajectories=tuple(_trajectory(found, index) for index in range(len(found.trajectories))),
+        integrator=CertifiedIntegrator(
+            name=flight.integrator,
+            relative_tolerance=flight.tolerance,
+            absolute_tolerance=tuple(ATOL.tolist()),
+            n_evaluations=flight.n_evaluations,
+        ),
+        kernels=dict(flight.kernels),
+        **_made_with(),
+    )
+
+
+def _made_with() -> dict[str, Any]:
+    made = provenance()
+    return {
+        "certificate_version": CERTIFICATE_VERSION,
+        "frame": "geocentric, axes J2000 (ICRF)",
+        "time_scale": "TDB",
+        "constants": {name: getattr(constants, name) for name in CONSTANTS},
+        "code_version": made.code_version,
+        "python_version": made.python_version,
+        "package_versions": made.package_versions,
+        "machine": f"{platform.machine()}, {platform.system()}",
+    }
+
+
+def _trajectory(found: Certification, index: int) -> CertifiedTrajectory:
+    flight, flown = found.verification, found.trajectories[index]
+    outage, mass = flown.outage, flown.mass._asdict()
+    return CertifiedTrajectory(
+        name=trajectory_name(index),
+        outage_segment=outage.segment if outage else None,
+        outage_days=outage.duration_days if outage else None,
+        arrival_epoch=calendar_epoch(float(flight.arrival_et[index])),
+        defect=tuple(map(_finite, flight.defects[index])),
+        position_km=_finite(flight.position_km[index]),
+        velocity_km_s=_finite(flight.velocity_km_s[index]),
+        mass_kg=_finite(flight.mass_kg[index]),
+        closest=_approaches(flown.closest),
+        through=_through(flown),
+        mass=CertifiedMass(coasts=0.0, **mass),
+    )
+
+
+def _through(flown: FlownAgain) -> CertifiedThrough:
+    through = flown.through
+    return CertifiedThrough(
+        insertion_miss=_pair(through.insertion_miss),
+        arrival_miss=_pair(through.arrival_miss),
+        mass_miss_kg=_finite(through.mass_miss_kg),
+        closest=_approaches(flown.closest_through),
+        failure=through.failure,
+    )
+
+
+def _approaches(found: tuple[Approach, ...]) -> tuple[CertifiedApproach, ...]:
+    return tuple(
+        CertifiedApproach(
+            body=one.body,
+            distance_km=one.distance_km,
+            altitude_km=one.altitude_km,
+            epoch=calendar_epoch(one.et),
+            days=one.days,
+            is_turn=one.is_turn,
+        )
+        for one in found
+    )
+
+
+def _pair(miss: tuple[float, float]) -> Pair:
+    return _finite(miss[0]), _finite(miss[1])
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
