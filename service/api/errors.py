@@ -10,6 +10,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 
+from core.export import ExportError
 from core.faults import fault_lines
 from service.api.schemas import Fault
 from service.db.errors import WriteFault
@@ -105,7 +106,8 @@ def add_error_handlers(app: FastAPI) -> None:
         return problem_response(422, "\n".join(fault_lines("request", error.errors())))
 
     @app.exception_handler(SpecError)
-    def spec(_: Request, error: SpecError) -> JSONResponse:
+    @app.exception_handler(ExportError)
+    def spec(_: Request, error: SpecError | ExportError) -> JSONResponse:
         return problem_response(422, str(error))
 
     @app.exception_handler(StaleAttempt)
