@@ -1,6 +1,5 @@
 """`coastarc campaigns`: a campaign as one file that another installation takes in."""
 
-import re
 from pathlib import Path
 from typing import Annotated
 
@@ -9,7 +8,7 @@ import typer
 from service.cli_options import DATA, Data, Json, console, print_json
 from service.db.place import make_folder
 from service.new_file import write_new
-from service.portable.files import take_in_file, written_pieces
+from service.portable.files import file_name, packed, pieces, take_in_file
 from service.store import Store
 
 campaigns = typer.Typer(help="Take campaigns from one installation to another.", no_args_is_help=True)
@@ -29,8 +28,8 @@ def export_campaign(
         campaign_id = store.find_campaign(campaign)
         name = store.campaign(campaign_id).name
         path = output or Path(file_name(name))
-        with written_pieces(store, campaign_id) as pieces:
-            n_bytes = write_new(path, pieces)
+        with packed(store, campaign_id) as draft:
+            n_bytes = write_new(path, pieces(draft))
     if as_json:
         print_json({"file": str(path), "bytes": n_bytes, "campaign_id": campaign_id})
     else:
@@ -57,7 +56,3 @@ def import_campaign(
         news = "nothing is new, all of it was there"
     console.print(f"Campaign {taken.campaign_id}: {news}.", highlight=False, markup=False)
 
-
-def file_name(name: str) -> str:
-    """Return what the file of a campaign is called."""
-    return f"campaign-{re.sub('[^A-Za-z0-9._-]+', '-', name).strip('-.') or 'file'}.zip"

@@ -6,6 +6,7 @@ Frame: J2000 axes, origin at the Earth.  Where two arcs meet, SPICE answers from
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import spiceypy
 
 from core.ephemeris.kernels import one_at_a_time
@@ -56,7 +57,7 @@ def _add(handle: int, body: int, label: str, arc: ExportedArc) -> None:
         label,
         arc.degree,
         len(arc.et),
-        arc.states[:, :6],
+        np.ascontiguousarray(arc.states[:, :6]),
         arc.et,
     )
 

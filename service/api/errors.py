@@ -14,6 +14,7 @@ from core.export import ExportError
 from core.faults import fault_lines
 from service.api.schemas import Fault
 from service.db.errors import WriteFault
+from service.portable.errors import PortableError
 from service.spec import SpecError
 from service.store import StoreError, UnknownRow
 from service.store.errors import Conflict
@@ -109,6 +110,10 @@ def add_error_handlers(app: FastAPI) -> None:
     @app.exception_handler(ExportError)
     def spec(_: Request, error: SpecError | ExportError) -> JSONResponse:
         return problem_response(422, str(error))
+
+    @app.exception_handler(PortableError)
+    def portable(_: Request, error: PortableError) -> JSONResponse:
+        return problem_response(409, str(error), code="wrong_state")
 
     @app.exception_handler(StaleAttempt)
     def stale(_: Request, error: StaleAttempt) -> JSONResponse:

@@ -1,9 +1,10 @@
 """Writing a campaign of an archive to a portable file, and taking one in."""
 
+import re
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from service.portable.container import Unpacked, pack
 from service.portable.reading import read_all
@@ -14,13 +15,26 @@ from service.store.portable_import import TakenIn
 _PIECE = 2**20
 
 
-@contextmanager
-def written_pieces(store: Store, campaign_id: int) -> Iterator[Iterator[bytes]]:
-    """Give the portable file of a campaign, piece by piece."""
-    with tempfile.TemporaryFile() as draft:
+def packed(store: Store, campaign_id: int) -> BinaryIO:
+    """Return the portable file of a campaign, without a name; it is gone when it is closed."""
+    draft = tempfile.TemporaryFile()
+    try:
         store.write_portable(campaign_id, lambda campaign, entries: pack(draft, campaign, entries))
-        draft.seek(0)
-        yield iter(lambda: draft.read(_PIECE), b"")
+    except BaseException:
+        draft.close()
+        raise
+    draft.seek(0)
+    return draft
+
+
+def pieces(stream: BinaryIO) -> Iterator[bytes]:
+    """Return the content of a file piece by piece."""
+    return iter(lambda: stream.read(_PIECE), b"")
+
+
+def file_name(name: str) -> str:
+    """Return what the portable file of a campaign is called."""
+    return f"campaign-{re.sub('[^A-Za-z0-9._-]+', '-', name).strip('-.') or 'file'}.zip"
 
 
 def take_in_file(store: Store, file: Path) -> TakenIn:

@@ -12,7 +12,7 @@ from service.new_file import FileError, write_new
 from service.portable import container
 from service.portable.container import Unpacked
 from service.portable.errors import PortableError
-from service.portable.files import take_in_file, written_pieces
+from service.portable.files import packed, pieces, take_in_file
 from service.spec import spec_from
 from service.store import Store
 from service.store.filter import Filter
@@ -50,8 +50,8 @@ def work_to_the_end(store):
 
 
 def written(store, campaign, path):
-    with written_pieces(store, campaign) as pieces:
-        write_new(path, pieces)
+    with packed(store, campaign) as draft:
+        write_new(path, pieces(draft))
     return path
 
 
