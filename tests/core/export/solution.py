@@ -31,20 +31,40 @@ def flown_between_samples(trajectory, pilot_states):
 
     Each half is flown without a stop from its end: the departure, or the target at arrival.
     """
-    craft = PROBLEM.spacecraft
-    pilot = Pilot(trajectory.start_et, craft.max_thrust_n, craft.isp_s * G0 * 1e-3)
+    pilot = _pilot(trajectory)
     meet = next(i for i, arc in enumerate(trajectory.arcs) if arc.et[0] >= trajectory.matchpoint_et - 1e-3)
     forward, backward = trajectory.arcs[:meet], trajectory.arcs[meet:][::-1]
     for half, state in zip((forward, backward), pilot_states, strict=True):
         for arc in half:
             ends = (arc.et[0], arc.et[-1]) if half is forward else (arc.et[-1], arc.et[0])
             begin, end = (et - trajectory.start_et for et in ends)
-            control = (arc.throttle, arc.in_plane_rad, arc.out_of_plane_rad)
-            thrust = pilot.thrust(np.array(control)) if arc.throttle else COAST
+            thrust = _thrust(pilot, arc)
             longest = int(np.argmax(np.diff(arc.et)))
             middle = 0.5 * (arc.et[longest] + arc.et[longest + 1])
             yield middle, pilot.arc(begin, state, middle - trajectory.start_et - begin, thrust)
             state = pilot.arc(begin, state, end - begin, thrust)
+
+
+def flown_from_samples(trajectory, arc, numbers):
+    """Yield (epoch, state) in the middle between some samples and those after them, flown from the former."""
+    pilot = _pilot(trajectory)
+    for number in sorted(set(numbers)):
+        begin, end = arc.et[number : number + 2] - trajectory.start_et
+        flown = pilot.arc(begin, arc.states[number], 0.5 * (end - begin), _thrust(pilot, arc))
+        yield 0.5 * (arc.et[number] + arc.et[number + 1]), flown
+
+
+def _pilot(trajectory):
+    craft = PROBLEM.spacecraft
+    return Pilot(trajectory.start_et, craft.max_thrust_n, craft.isp_s * G0 * 1e-3)
+
+
+def _thrust(pilot, arc):
+    return (
+        pilot.thrust(np.array([arc.throttle, arc.in_plane_rad, arc.out_of_plane_rad]))
+        if arc.throttle
+        else COAST
+    )
 
 
 def ends_of(trajectory):

@@ -8,7 +8,13 @@ from core.ephemeris import furnish
 from core.export import write_spk
 from core.export.spk import FIRST_ID, body_id
 from core.orbits import target_kernel
-from tests.core.export.solution import PROBLEM, ends_of, flown_between_samples, trajectories
+from tests.core.export.solution import (
+    PROBLEM,
+    ends_of,
+    flown_between_samples,
+    flown_from_samples,
+    trajectories,
+)
 
 
 @pytest.fixture(scope="module")
@@ -31,6 +37,16 @@ def test_spice_reads_the_flight_of_an_independent_integrator_between_the_samples
         )
     # Ten metres are promised.
     assert worst[0] < 0.01 and worst[1] < 1e-7, worst
+
+
+def test_what_is_read_between_two_samples_is_the_flight_from_the_one_before(kernel):
+    for own in trajectories():
+        for arc in own.arcs:
+            for et, state in flown_from_samples(own, arc, [0, len(arc.et) // 2, len(arc.et) - 2]):
+                read = spiceypy.spkgeo(body_id(own.index), et, "J2000", 399)[0]
+                # Epochs are spaced by 1.2e-7 s, in which a spacecraft moves 2e-7 km; a step takes minutes.
+                assert np.linalg.norm(read[:3] - state[:3]) < 1e-6
+                assert np.linalg.norm(read[3:] - state[3:6]) < 2e-9
 
 
 def test_every_trajectory_is_a_body_that_is_covered_from_departure_to_arrival(kernel):
