@@ -104,8 +104,7 @@ def export_solution(
     numbers = _numbers(wanted.trajectory, record.k)
     flown = export_states(problem_from(definition), np.array(record.x))
     chosen = [flown[number] for number in numbers]
-    about = _about(record, chosen, wanted.first_id)
-    content, media = _content(record, chosen, about, wanted, created)
+    content, media = _Writer(record, wanted, created).content(chosen)
     ending = "zip" if media == ZIP else _ENDINGS[wanted.format]
     return ExportedFile(
         name=f"{_stem(record, wanted.trajectory)}.{ending}",
@@ -136,51 +135,43 @@ def _body(trajectory: ExportedTrajectory, first_id: int) -> ExportedBody:
     return ExportedBody(trajectory.name, body_id(trajectory.index, first_id), departure, arrival)
 
 
-def _content(
-    record: RecordWithVector,
-    chosen: list[ExportedTrajectory],
-    about: list[str],
-    wanted: Wanted,
-    created: str,
-) -> tuple[Iterator[bytes], str]:
-    media = MEDIA[wanted.format]
-    if wanted.format is ExportFormat.SPK:
-        return iter([_spk(chosen, "\n".join(about), wanted.first_id)]), media
-    if wanted.format is ExportFormat.CSV:
-        return _encoded(csv_lines(chosen, about)), media
-    if wanted.format is ExportFormat.NDJSON:
-        return _encoded(ndjson_lines(chosen)), media
-    if wanted.trajectory != ALL:
-        return _encoded(_message(record, chosen[0], about, wanted, created)), media
-    return iter([_zipped(record, chosen, about, wanted, created)]), ZIP
+@dataclass(frozen=True, slots=True)
+class _Writer:
+    """Writes trajectories of a solution in the format that is wanted."""
 
+    record: RecordWithVector
+    wanted: Wanted
+    created: str
 
-def _message(
-    record: RecordWithVector,
-    trajectory: ExportedTrajectory,
-    about: list[str],
-    wanted: Wanted,
-    created: str,
-) -> Iterator[str]:
-    name = f"coastarc {record.id[:8]} {trajectory.name}"
-    return oem_lines(trajectory, str(body_id(trajectory.index, wanted.first_id)), name, created, about)
+    def content(self, chosen: Sequence[ExportedTrajectory]) -> tuple[Iterator[bytes], str]:
+        """Return a file, and the type of its content."""
+        made, media = self.wanted.format, MEDIA[self.wanted.format]
+        if made is ExportFormat.SPK:
+            return iter([_spk(chosen, "\n".join(self._about(chosen)), self.wanted.first_id)]), media
+        if made is ExportFormat.CSV:
+            return _encoded(csv_lines(chosen, self._about(chosen))), media
+        if made is ExportFormat.NDJSON:
+            return _encoded(ndjson_lines(chosen)), media
+        if self.wanted.trajectory != ALL:
+            return _encoded(self._message(chosen[0])), media
+        return iter([self._zipped(chosen)]), ZIP
 
+    def _about(self, chosen: Sequence[ExportedTrajectory]) -> list[str]:
+        return _about(self.record, chosen, self.wanted.first_id)
 
-def _zipped(
-    record: RecordWithVector,
-    chosen: list[ExportedTrajectory],
-    about: list[str],
-    wanted: Wanted,
-    created: str,
-) -> bytes:
-    packed = io.BytesIO()
-    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
-        for trajectory in chosen:
-            which = str(trajectory.index or REFERENCE)
-            entry = zipfile.ZipInfo(f"{_stem(record, which)}.oem", ZIP_DATE)
-            text = "".join(_message(record, trajectory, about, wanted, created))
-            archive.writestr(entry, text, zipfile.ZIP_DEFLATED)
-    return packed.getvalue()
+    def _message(self, trajectory: ExportedTrajectory) -> Iterator[str]:
+        key = str(body_id(trajectory.index, self.wanted.first_id))
+        name = f"coastarc {self.record.id[:8]} {trajectory.name}"
+        return oem_lines(trajectory, key, name, self.created, self._about([trajectory]))
+
+    def _zipped(self, chosen: Sequence[ExportedTrajectory]) -> bytes:
+        packed = io.BytesIO()
+        with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+            for trajectory in chosen:
+                name = f"{_stem(self.record, str(trajectory.index or REFERENCE))}.oem"
+                text = "".join(self._message(trajectory))
+                archive.writestr(zipfile.ZipInfo(name, ZIP_DATE), text, zipfile.ZIP_DEFLATED)
+        return packed.getvalue()
 
 
 def _spk(chosen: Sequence[ExportedTrajectory], comment: str, first_id: int) -> bytes:
