@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from core.export import ExportError
+from core.problem import ProblemError
 from service import cli_control, logs, terminal
 from service.api.schemas import CampaignView, JobView
 from service.cli_bench import bench
@@ -69,6 +70,7 @@ USER_ERRORS = (
     ClientError,
     ApiError,
     SourceError,
+    ProblemError,
     ExportError,
     FileError,
     PortableError,

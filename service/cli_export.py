@@ -7,9 +7,10 @@ from typing import Annotated
 
 import typer
 
+from core.export.spk import FIRST_ID
 from service.cli_options import DATA, Data, Json, console, print_json
 from service.new_file import write_new
-from service.solution_export import ALL, FIRST_ID, ExportFormat, Wanted, export_solution
+from service.solution_export import ALL, ExportFormat, Wanted, export_solution
 from service.store import Store
 
 Format = Annotated[ExportFormat, typer.Option(help="SPICE kernel, CCSDS message, or samples as text.")]

@@ -12,6 +12,7 @@ from starlette.exceptions import HTTPException
 
 from core.export import ExportError
 from core.faults import fault_lines
+from core.problem import ProblemError
 from service.api.schemas import Fault
 from service.db.errors import WriteFault
 from service.portable.errors import PortableError
@@ -108,7 +109,8 @@ def add_error_handlers(app: FastAPI) -> None:
 
     @app.exception_handler(SpecError)
     @app.exception_handler(ExportError)
-    def spec(_: Request, error: SpecError | ExportError) -> JSONResponse:
+    @app.exception_handler(ProblemError)
+    def spec(_: Request, error: SpecError | ExportError | ProblemError) -> JSONResponse:
         return problem_response(422, str(error))
 
     @app.exception_handler(PortableError)

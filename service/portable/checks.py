@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from core.analysis.metrics import total_delta_v_km_s, transfer_delta_v_km_s
 from core.analysis.verify import holds
@@ -96,7 +97,7 @@ def require_solution(line: SolutionLine, contents: Contents) -> None:
     contents.solutions[line.id] = (line.problem, line.objective_kg, line.paper, line.strict)
 
 
-def figures(problem: Problem, x: np.ndarray) -> dict[str, float]:  # type: ignore[type-arg]
+def figures(problem: Problem, x: NDArray[np.float64]) -> dict[str, float]:
     """Return what the archive keeps of a vector's reference, masses [kg], times [days], delta-v [km/s]."""
     own = layout_of(problem).reference
     start_kg = _departure(problem)[1]

@@ -20,7 +20,7 @@ from core.faults import fault_lines
 from service.portable.errors import PortableError
 from service.portable.lines import Line, Manifest, Member
 
-FORMAT, VERSION = "coastarc campaign", 1
+VERSION = 1
 MANIFEST = "manifest.json"
 #: All entries together, one line of them, entries, and the manifest [B].
 MOST_BYTES, MOST_LINE_BYTES, MOST_MEMBERS, MOST_MANIFEST_BYTES = 4 * 2**30, 8 * 2**20, 5000, 2**20
@@ -43,7 +43,7 @@ def pack(stream: BinaryIO, campaign: str, entries: Iterable[Entry]) -> Manifest:
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as packed:
         for name, content in entries:
             members[name] = _add(packed, name, content)
-        manifest = Manifest(format=FORMAT, version=VERSION, campaign=campaign, members=members)
+        manifest = Manifest(format="coastarc campaign", version=VERSION, campaign=campaign, members=members)
         _add(packed, MANIFEST, [manifest.written()])
     return manifest
 

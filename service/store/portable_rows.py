@@ -41,15 +41,20 @@ CHUNK, AT_ONCE = 2000, 500
 _JOB, _ATTEMPT, _SOLVE = plain(JobRow).c, plain(AttemptRow).c, plain(SolveRow).c
 _SEARCH, _SOLUTION, _PROVENANCE = plain(SearchRow).c, plain(SolutionRow).c, plain(ProvenanceRow).c
 #: Columns that a line takes over under their own names.
-JOB_COLUMNS = ("kind", "chain", "hop", "n_hops", "mapping", "state", "priority", "attempt", "n_failures")
-JOB_COLUMNS += ("worker", "ending", "created_at", "updated_at")
+JOB_COLUMNS = (
+    *("kind", "chain", "hop", "n_hops", "mapping", "state", "priority", "attempt", "n_failures"),
+    *("worker", "ending", "created_at", "updated_at"),
+)
 ATTEMPT_COLUMNS = ("attempt", "worker", "started_at", "ended_at", "ending", "next_state", "error")
-SOLVE_COLUMNS = ("attempt", "hop", "rng_key", "ending", "status", "is_feasible", "paper", "strict")
-SOLVE_COLUMNS += ("objective_kg", "violation", "n_iterations", "n_evaluations", "cpu_seconds", "wall_seconds")
-SOLVE_COLUMNS += ("move", "created_at")
-SOLUTION_COLUMNS = ("id", "objective_kg", "propellant_kg", "delta_v_km_s", "delta_v_total_km_s")
-SOLUTION_COLUMNS += ("shooting_days", "initial_coast_days", "final_coast_days", "time_of_flight_days")
-SOLUTION_COLUMNS += ("insertion_epoch", "arrival_epoch", "paper", "strict", "verification")
+SOLVE_COLUMNS = (
+    *("attempt", "hop", "rng_key", "ending", "status", "is_feasible", "paper", "strict", "objective_kg"),
+    *("violation", "n_iterations", "n_evaluations", "cpu_seconds", "wall_seconds", "move", "created_at"),
+)
+SOLUTION_COLUMNS = (
+    *("id", "objective_kg", "propellant_kg", "delta_v_km_s", "delta_v_total_km_s", "shooting_days"),
+    *("initial_coast_days", "final_coast_days", "time_of_flight_days", "insertion_epoch", "arrival_epoch"),
+    *("paper", "strict", "verification"),
+)
 
 
 def chain_of_campaigns(session: Session, campaign_id: int) -> list[CampaignRow]:

@@ -10,9 +10,11 @@ from pathlib import Path
 
 import pytest
 import spiceypy
+import typer.main
 from fastapi.testclient import TestClient
 from oem import OrbitEphemerisMessage
 
+from core.problem import ProblemError, load_problem
 from service import cli
 from service.app import create_app
 from service.store import Store
@@ -75,9 +77,7 @@ def test_a_kernel_names_its_bodies_and_says_where_it_comes_from(coastarc, robust
     assert sorted(spiceypy.spkobj(str(path))) == [-7001, -7000]
     lines = comment_of(path)
     assert robust.id in lines[0] and robust.problem_hash in lines[1]
-    assert any(
-        line.startswith("body -7001: realization 1, outage of 1.0 days at segment 24") for line in lines
-    )
+    assert "body -7001: realization 1, outage of 1.0 days at segment 24" in lines
 
 
 def test_json_tells_what_was_written(coastarc, robust):
@@ -169,3 +169,28 @@ def test_the_python_example_of_the_documents_reads_a_kernel(coastarc, robust, tm
     state = [float(word) for word in ran.stdout.strip(" []\n").split()]
     # Half way it is on its way out, beyond the Moon: weak stability transfers go to 1.5 million kilometres.
     assert len(state) == 6 and 1e4 < sum(value**2 for value in state[:3]) ** 0.5 < 2e6
+
+
+def commands_of(text):
+    """Return the command lines in the code blocks of a page."""
+    return [line.split() for line in re.findall(r"^    (coastarc .*)$", text, re.MULTILINE)]
+
+
+@pytest.mark.parametrize("words", commands_of(DOCS), ids=" ".join)
+def test_a_command_of_the_documents_is_one_of_the_program(words):
+    command, arguments = typer.main.get_command(cli.app), words[1:]
+    while getattr(command, "commands", None):
+        command, arguments = command.commands[arguments[0]], arguments[1:]
+    # Raises where an option, its value or an argument is not what the command takes.
+    command.make_context(" ".join(words), arguments)
+
+
+def test_the_toml_of_the_documents_is_a_problem(tmp_path):
+    (block,) = re.findall(r"```toml\n(.*?)```", DOCS, re.DOTALL)
+    (tmp_path / "problem.toml").write_text(block)
+    with pytest.raises(
+        ProblemError, match=r"problem\.target: expected an SPK file, got .*station\.bsp"
+    ):
+        load_problem(tmp_path / "problem.toml")
+    (tmp_path / "station.bsp").write_bytes(b"orbit")
+    assert load_problem(tmp_path / "problem.toml").target.naif_id == -60000
