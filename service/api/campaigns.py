@@ -37,6 +37,9 @@ EXAMPLE = {
     ],
 }
 
+#: How the OpenAPI document describes it.
+PORTABLE = {"schema": {"type": "string", "format": "binary"}, "example": "PK..."}
+
 Key = Annotated[str | None, Header(pattern="^[!-~]{1,200}$", description="Unique for each submission")]
 SearchName = Annotated[
     str, Path(pattern="^[A-Za-z0-9][A-Za-z0-9 ._-]{0,79}$", description="Name of a search")
@@ -73,7 +76,7 @@ def get_campaign(campaign_id: Id, store: StoreHere) -> CampaignView:
 @router.get(
     "/campaigns/{campaign_id}/export",
     response_class=StreamingResponse,
-    responses={200: {"content": {ZIP: {"schema": {"type": "string", "format": "binary"}}}}, **CONFLICT},
+    responses={200: {"content": {ZIP: PORTABLE}}, **CONFLICT},
 )
 def export_campaign(campaign_id: Id, store: StoreHere) -> StreamingResponse:
     """Return a campaign that is paused or has ended, and those that seed it, as one portable file."""

@@ -26,10 +26,13 @@ router = APIRouter(tags=["solutions"])
 #: Children of a solution that are listed unless asked for otherwise.
 MOST_CHILDREN = 50
 _TEXT, _BYTES = {"type": "string"}, {"type": "string", "format": "binary"}
-#: What an export comes as.
-EXPORTS = {media.split(";")[0]: _TEXT for media in MEDIA.values()} | {
-    MEDIA[ExportFormat.SPK]: _BYTES,
-    ZIP: _BYTES,
+#: What an export comes as, with its beginning.
+EXPORTS: dict[str, Any] = {
+    MEDIA[ExportFormat.SPK]: {"schema": _BYTES, "example": "DAF/SPK ..."},
+    MEDIA[ExportFormat.OEM].split(";")[0]: {"schema": _TEXT, "example": "CCSDS_OEM_VERS = 2.0\n..."},
+    ZIP: {"schema": _BYTES, "example": "PK..."},
+    MEDIA[ExportFormat.CSV]: {"schema": _TEXT, "example": "# states and controls of solution 63dd0ec3...\n"},
+    MEDIA[ExportFormat.NDJSON]: {"schema": _TEXT, "example": '{"trajectory": "reference", ...}\n'},
 }
 
 
@@ -72,7 +75,7 @@ def get_reproduction(solution_id: Hash, store: StoreHere) -> Reproduction:
 @router.get(
     "/solutions/{solution_id}/export",
     response_class=StreamingResponse,
-    responses={200: {"content": {media: {"schema": schema} for media, schema in EXPORTS.items()}}},
+    responses={200: {"content": EXPORTS}},
 )
 def export_solution(
     solution_id: Hash,
