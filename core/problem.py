@@ -4,6 +4,7 @@ What flows in: TOML, JSON or keyword arguments.  What flows out: a frozen `Probl
 (km, km/s, kg, days, TDB epochs); everything else in core is a function of it.
 """
 
+import functools
 import hashlib
 import itertools
 import json
@@ -154,17 +155,39 @@ class NrhoTarget(_Strict):
 
 
 class SpkTarget(_Strict):
-    """Any body or spacecraft of an SPK kernel, geocentric J2000."""
+    """Any body or spacecraft of an SPK kernel, about whatever centre SPICE can follow to the Moon."""
 
     kind: Literal["spk"]
+    #: In a file of a problem or a campaign relative to the folder of that file.
     path: Path
     naif_id: StrictInt
+    #: Digest of the file's content, blake2b-128; filled in, and from then on required.
+    digest: Annotated[str, Field(pattern="^[0-9a-f]{32}$")] | None = None
 
     @model_validator(mode="after")
     def _readable(self) -> Self:
         if not self.path.is_file():
             raise ValueError(f"expected an SPK file, got {self.path}, which is not a file")
+        # Whoever runs a job stands in another folder.
+        object.__setattr__(self, "path", self.path.resolve())
+        try:
+            facts = self.path.stat()
+            digest = _file_digest(self.path, facts.st_mtime_ns, facts.st_size)
+        except OSError as error:
+            raise ValueError(f"expected an SPK file, got {self.path}: {error.strerror}") from error
+        if self.digest not in (None, digest):
+            raise ValueError(
+                f"expected the SPK file with digest {self.digest}, got {self.path} with {digest}; "
+                f"the file has been changed since"
+            )
+        object.__setattr__(self, "digest", digest)
         return self
+
+
+@functools.lru_cache(maxsize=64)
+def _file_digest(path: Path, changed_ns: int, n_bytes: int) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, lambda: hashlib.blake2b(digest_size=16)).hexdigest()
 
 
 Interval = tuple[float, float]
@@ -295,7 +318,7 @@ class Problem(_Strict):
         return content_hash(
             {"schema": SCHEMA_VERSION, "target_file": self._target_digest()}
             | _WORLD
-            | self.model_dump(mode="json", exclude={"target": {"path"}})
+            | self.model_dump(mode="json", exclude={"target": {"path", "digest"}})
         )
 
     @property
@@ -304,9 +327,7 @@ class Problem(_Strict):
         return self.model_copy(update={"outages": ()}).hash
 
     def _target_digest(self) -> str:
-        if isinstance(self.target, SpkTarget):
-            return hashlib.blake2b(self.target.path.read_bytes(), digest_size=16).hexdigest()
-        return ""
+        return (self.target.digest or "") if isinstance(self.target, SpkTarget) else ""
 
 
 def content_hash(content: Any) -> str:
@@ -354,7 +375,16 @@ def load_problem(path_or_preset: str | Path) -> Problem:
         raise ProblemError(
             f"problem: expected a preset ({names}) or a readable file, got {path}: {error}"
         ) from error
-    return problem_from(table.get("problem", table) if isinstance(table, dict) else table)
+    fields = table.get("problem", table) if isinstance(table, dict) else table
+    return problem_from(with_local_files(fields, path.parent))
+
+
+def with_local_files(fields: Any, folder: Path) -> Any:
+    """Return the fields of a problem; the file that they may name is looked for from a folder on."""
+    target = fields.get("target") if isinstance(fields, Mapping) else None
+    if not isinstance(target, Mapping) or not isinstance(target.get("path"), str):
+        return fields
+    return {**fields, "target": {**target, "path": str(folder / target["path"])}}
 
 
 def problem_from(fields: Any) -> Problem:

@@ -27,9 +27,9 @@ from service.db.tables import (
     SolveRow,
 )
 from service.search_spec import SearchSpec
+from service.solution_hash import solution_hash
 from service.spec import Spec
 from service.store import Store
-from service.store.archive import solution_hash
 from service.store.events import noted
 
 #: Far beyond the chains that are planned when the campaign is submitted.

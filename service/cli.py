@@ -10,11 +10,15 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from core.export import ExportError
+from core.problem import ProblemError
 from service import cli_control, logs, terminal
 from service.api.schemas import CampaignView, JobView
 from service.cli_bench import bench
+from service.cli_campaigns import campaigns
 from service.cli_db import db
 from service.cli_dispatch import DispatchError, dispatch_command
+from service.cli_export import export_command
 from service.cli_options import (
     DATA,
     DEFAULT_PORT,
@@ -39,6 +43,8 @@ from service.coordinator import Coordinator, CoordinatorError, Crew
 from service.db.engine import DatabaseError
 from service.doctor import check_all
 from service.lock import LockError
+from service.new_file import FileError
+from service.portable.errors import PortableError
 from service.refine import RefineError
 from service.resolve import require_flyable
 from service.security import BindError
@@ -71,6 +77,10 @@ USER_ERRORS = (
     SourceError,
     VerificationError,
     RefineError,
+    ProblemError,
+    ExportError,
+    FileError,
+    PortableError,
 )
 
 app = typer.Typer(
@@ -79,11 +89,13 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-solutions = typer.Typer(help="Look at solutions.", no_args_is_help=True)
+solutions = typer.Typer(help="Look at solutions, find them again, take them away.", no_args_is_help=True)
 app.add_typer(solutions, name="solutions")
+app.add_typer(campaigns, name="campaigns")
 solutions.command("reproduce")(reproduce_command)
 solutions.command("verify")(verify_command)
 solutions.command("refine")(refine_command)
+solutions.command("export")(export_command)
 app.add_typer(bench, name="bench")
 app.command()(report)
 app.add_typer(db, name="db")

@@ -12,8 +12,8 @@ from rich.console import Console
 from service import terminal
 from service.db.backup import backup, restore
 from service.db.check import check
-from service.db.errors import DatabaseError, unusable
-from service.db.place import place_of, shown
+from service.db.errors import DatabaseError
+from service.db.place import make_folder, place_of, shown
 from service.db.tables import SCHEMA_VERSION
 from service.db.upgrade import upgrade, version_of
 from service.lock import FolderLock
@@ -81,10 +81,7 @@ def back_up_archive(
 @db.command("restore")
 def restore_archive(file: Annotated[Path, typer.Argument(help="A backup.")], data: Data = DATA) -> None:
     """Fill an empty data folder, or an empty PostgreSQL database, from a backup."""
-    try:
-        data.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise unusable(data, error.strerror) from error
+    make_folder(data)
     place = place_of(data)
     with FolderLock(data):
         version = restore(file, place)

@@ -7,7 +7,7 @@ import numpy as np
 
 from service.api.lineage_schemas import Reproduction
 from service.api.schemas import Answer
-from service.store.archive import solution_hash
+from service.solution_hash import solution_hash
 from workers.job import Job, JobOutcome, Provenance, SolveRecord
 
 

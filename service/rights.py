@@ -69,6 +69,7 @@ RIGHTS: dict[str, frozenset[Role] | None] = {
     f"GET {_API}/campaigns/{{}}/history": READERS,
     f"GET {_API}/campaigns/{{}}/spec": READERS,
     f"GET {_API}/campaigns/{{}}/events": READERS,
+    f"GET {_API}/campaigns/{{}}/export": READERS,
     f"GET {_API}/campaigns/{{}}/metrics": READERS,
     f"POST {_API}/campaigns/{{}}/pause": SUBMITTERS,
     f"POST {_API}/campaigns/{{}}/resume": SUBMITTERS,

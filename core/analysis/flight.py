@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from core.analysis.sampling import MAX_SAMPLES, sample_arc
+from core.analysis.sampling import MAX_SAMPLES, TOLERANCE, sample_arc
 from core.ephemeris import EphemerisTable, span_days, state_at
 from core.problem import Outage, Problem
 from core.transcription import STATE_SCALE, TrajectoryLayout, Transcription, checked_vector, transcribe
@@ -112,7 +112,9 @@ class _Halves(NamedTuple):
     backward: list[_Piece]
 
 
-def fly(problem: Problem, x: Array, samples_per_radian: float = SAMPLES_PER_RADIAN) -> Flight:
+def fly(
+    problem: Problem, x: Array, samples_per_radian: float = SAMPLES_PER_RADIAN, tolerance: float = TOLERANCE
+) -> Flight:
     """Return samples of the reference and of every realization.
 
     Parameters
@@ -123,6 +125,8 @@ def fly(problem: Problem, x: Array, samples_per_radian: float = SAMPLES_PER_RADI
         Decision vector [days, rad, kg].
     samples_per_radian : float
         Density of the samples [1/rad], by the angular speed of a circular orbit at the place.
+    tolerance : float
+        Relative tolerance of the integrator [-].
 
     Returns
     -------
@@ -140,7 +144,7 @@ def fly(problem: Problem, x: Array, samples_per_radian: float = SAMPLES_PER_RADI
     """
     transcription = transcribe(problem, n_legs=1)
     x = checked_vector(transcription.layout, x)
-    sampler = _Sampler(transcription, samples_per_radian)
+    sampler = _Sampler(transcription, samples_per_radian, tolerance)
     layout, *others = transcription.layout.trajectories
     reference = sampler.halves(layout, x, 0.0, transcription.setting.departure)
     flown = [sampler.finished(None, reference)]
@@ -194,10 +198,10 @@ def _start_of(layout: TrajectoryLayout, reference: _Halves) -> tuple[float, Arra
 class _Sampler:
     """Flies the arcs of one problem and tells where the bodies are."""
 
-    def __init__(self, transcription: Transcription, samples_per_radian: float) -> None:
+    def __init__(self, transcription: Transcription, samples_per_radian: float, tolerance: float) -> None:
         self.model = transcription.setting.model
         self.target: EphemerisTable = transcription.setting.target
-        self.samples_per_radian = samples_per_radian
+        self.density_and_tolerance = samples_per_radian, tolerance
         self._times, self._states = np.empty(MAX_SAMPLES), np.empty((MAX_SAMPLES, 7))
 
     def halves(self, layout: TrajectoryLayout, x: Array, start: float, state: Array) -> _Halves:
@@ -228,8 +232,8 @@ class _Sampler:
 
     def _piece(self, kind: str, segment: int, control: Array, t_a: float, t_b: float, state: Array) -> _Piece:
         self._states[0] = state
-        per_radian = self.samples_per_radian
-        n = sample_arc(self.model, t_a, t_b, control, per_radian, self._times, self._states)
+        fineness = self.density_and_tolerance
+        n = sample_arc(self.model, t_a, t_b, control, *fineness, self._times, self._states)
         order = slice(None, None, 1 if t_b >= t_a else -1)
         return _Piece(kind, segment, control, self._times[:n][order].copy(), self._states[:n][order].copy())
 

@@ -18,13 +18,21 @@ Array = NDArray[np.float64]
 MAX_SAMPLES = 4000
 # In a quarter of a day the rotating frame turns by three degrees.
 _MAX_STEP = 0.25 / TU_DAYS
-# A ten-thousandth of the mean lunar distance, 0.04 km, is far below a pixel of any picture.
-_TOLERANCE = 1e-9
+#: Relative tolerance of the steps unless asked for otherwise: what it leaves, 0.04 km or so, is far below a
+#: pixel of any picture.
+TOLERANCE = 1e-9
 
 
 @compiled
 def sample_arc(
-    model: ForceModel, t_a: float, t_b: float, control: Array, per_radian: float, times: Array, states: Array
+    model: ForceModel,
+    t_a: float,
+    t_b: float,
+    control: Array,
+    per_radian: float,
+    tolerance: float,
+    times: Array,
+    states: Array,
 ) -> int:
     """Fly one arc and write samples of it, the first of which is already there.
 
@@ -38,6 +46,8 @@ def sample_arc(
         Throttle [-], in-plane and out-of-plane angle [rad].
     per_radian : float
         Samples per radian of a circular orbit about the nearer body [1/rad].
+    tolerance : float
+        Relative tolerance of a step [-].
     times : (MAX_SAMPLES,) array
         Epochs of the samples [TU].
     states : (MAX_SAMPLES, 7) array
@@ -68,7 +78,7 @@ def sample_arc(
         for i in range(3):
             r[i, 0], v[i, 0] = state[i], state[3 + i]
         taken = propagate(
-            model, t, times[n], state[6], thrust, mass_rate, d_thrust, d_rate, _TOLERANCE, r, v, ends, work
+            model, t, times[n], state[6], thrust, mass_rate, d_thrust, d_rate, tolerance, r, v, ends, work
         )
         for i in range(3):
             states[n, i] = r[i, 0] if taken >= 0 else np.nan

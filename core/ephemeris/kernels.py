@@ -39,6 +39,10 @@ def one_at_a_time(function: Callable[P, R]) -> Callable[P, R]:
     return serialized
 
 
+#: What further kernels were when they were loaded.
+_furnished: dict[Path, tuple[int, int, int]] = {}
+
+
 class KernelError(RuntimeError):
     """A kernel that is absent or is not the published file."""
 
@@ -84,11 +88,15 @@ def _furnish_once(pid: int, path: Path) -> None:
 def _furnish_first(path: Path) -> None:
     """Load a kernel in front of all others: two orbits may bear one identifier, and SPICE takes the last."""
     _check_file(path)
-    loaded = spiceypy.ktotal("SPK")
-    if loaded and spiceypy.kdata(loaded - 1, "SPK")[0] == str(path):
+    loaded, facts = spiceypy.ktotal("SPK"), path.stat()
+    content = (facts.st_ino, facts.st_mtime_ns, facts.st_size)
+    is_last = loaded and spiceypy.kdata(loaded - 1, "SPK")[0] == str(path)
+    # SPICE would go on reading a file that another one has replaced.
+    if is_last and _furnished.get(path) == content:
         return
     spiceypy.unload(str(path))
     spiceypy.furnsh(str(path))
+    _furnished[path] = content
 
 
 def _check_file(path: Path) -> None:

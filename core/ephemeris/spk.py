@@ -19,13 +19,15 @@ from numpy.typing import NDArray
 from spiceypy.utils.exceptions import SpiceyError
 
 from core.constants import SECONDS_PER_DAY
-from core.ephemeris.kernels import furnish
+from core.ephemeris.kernels import furnish, planetary_kernel
 from core.ephemeris.tables import coefficients_through, record_nodes
 from core.problem import calendar_epoch
 
 Array = NDArray[np.float64]
 
 MOON_ID = 301
+#: What DE440 holds: barycentres of planets, the Sun, Mercury, Venus, the Moon and the Earth.
+SOLAR_SYSTEM = frozenset({*range(11), 199, 299, MOON_ID, 399})
 _J2000_FRAME, _CHEBYSHEV_POSITION = 1, 2
 
 # Of a fit to a given kernel.  SPICE's epochs are spaced by 1e-7 s, which the rates feel most.
@@ -69,12 +71,8 @@ def write_orbit(path: Path, naif_id: int, orbit: ChebyshevOrbit, comment: str) -
     comment : str
         Text for the comment area: where the orbit comes from.
     """
-    # A name of its own for every writer; SPICE insists on making the file itself.
-    with tempfile.TemporaryDirectory(dir=path.parent, prefix=".writing-") as folder:
-        draft = Path(folder) / path.name
+    with new_spk(path, comment) as handle:
         n_records, n_coefficients, _ = orbit.coefficients.shape
-        handle = spiceypy.spkopn(str(draft), "coastarc", len(comment) + 1000)
-        spiceypy.dafac(handle, comment.splitlines())
         spiceypy.spkw02(
             handle,
             naif_id,
@@ -89,6 +87,30 @@ def write_orbit(path: Path, naif_id: int, orbit: ChebyshevOrbit, comment: str) -
             orbit.coefficients.transpose(0, 2, 1).ravel(),
             orbit.start_et,
         )
+
+
+@contextmanager
+def new_spk(path: Path, comment: str) -> Iterator[int]:
+    """Give the handle of a new SPK; the file appears when the block ends, or not at all.
+
+    Parameters
+    ----------
+    path : Path
+        File to make or replace; its folder exists.
+    comment : str
+        Text for the comment area, in ASCII.
+    """
+    # A name of its own for every writer; SPICE insists on making the file itself.
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=".writing-") as folder:
+        draft = Path(folder) / "draft.bsp"
+        handle = spiceypy.spkopn(str(draft), "coastarc", len(comment) + 1000)
+        try:
+            spiceypy.dafac(handle, comment.splitlines())
+            yield handle
+        except BaseException:
+            # Else SPICE keeps the file open, and would refuse to close it as an SPK without segments.
+            spiceypy.dafcls(handle)
+            raise
         spiceypy.spkcls(handle)
         os.replace(draft, path)
 
@@ -135,6 +157,11 @@ def check_coverage(path: Path, naif_id: int, start_et: float, stop_et: float) ->
     """
     with _opened(path) as handle:
         present = sorted({summary[0] for summary in _summaries(handle)})
+    if (ours := [body for body in present if body in SOLAR_SYSTEM]) and not path.samefile(planetary_kernel()):
+        raise SpkError(
+            f"target {path}: expected no Sun, Earth, Moon or planets beside the target, since those of DE440 "
+            f"hold, got {', '.join(map(str, ours))}; take the target out with NAIF's spkmerge"
+        )
     if naif_id not in present:
         raise SpkError(f"target {path}: expected an object {naif_id}, got {', '.join(map(str, present))}")
     covered = spiceypy.spkcov(str(path), naif_id)
@@ -167,7 +194,7 @@ def fit_orbit(path: Path, naif_id: int, start_et: float, stop_et: float) -> Cheb
         n_records = math.ceil((stop_et - start_et) / record_s)
         length = (stop_et - start_et) / n_records
         nodes = record_nodes(start_et, length, n_records, _FIT_COEFFICIENTS)
-        samples = [spiceypy.spkgps(naif_id, min(et, stop_et), "J2000", MOON_ID)[0] for et in nodes.ravel()]
+        samples = [_position(path, naif_id, min(et, stop_et)) for et in nodes.ravel().tolist()]
         coefficients = coefficients_through(np.array(samples).reshape(*nodes.shape, 3))
         # The last coefficients stand for those left out; T_n' is n^2 at the ends of a record.
         left_out = float(np.abs(coefficients[:, -2:]).max())
@@ -179,6 +206,16 @@ def fit_orbit(path: Path, naif_id: int, start_et: float, stop_et: float) -> Cheb
         f"target {path}: expected an orbit smooth to {_FIT_TOLERANCE_KM} km and {_FIT_TOLERANCE_KM_S} km/s "
         f"over {length:.0f} s, got {left_out:.1e} km and {left_out_rate:.1e} km/s"
     )
+
+
+def _position(path: Path, naif_id: int, et: float) -> Array:
+    try:
+        return np.asarray(spiceypy.spkgps(naif_id, et, "J2000", MOON_ID)[0], dtype=np.float64)
+    except SpiceyError as error:
+        raise SpkError(
+            f"target {path}: expected {naif_id} about a centre whose way to the Moon is known at "
+            f"{calendar_epoch(et)}, got {error.short}"
+        ) from error
 
 
 @contextmanager

@@ -86,11 +86,15 @@ def target_table(problem: Problem, cache_folder: Path | None = None) -> Ephemeri
         As for `target_kernel`.
     """
     departure_et = departure_state(problem.departure, problem.spacecraft).et
-    return _table(*target_kernel(problem, cache_folder), departure_et, *window_days(problem))
+    # A file of a user may be replaced by another one of the same name.
+    digest = getattr(problem.target, "digest", None)
+    return _table(*target_kernel(problem, cache_folder), digest, departure_et, *window_days(problem))
 
 
 @functools.cache
-def _table(path: Path, naif_id: int, departure_et: float, start: float, stop: float) -> EphemerisTable:
+def _table(
+    path: Path, naif_id: int, digest: str | None, departure_et: float, start: float, stop: float
+) -> EphemerisTable:
     orbit = read_orbit(path, naif_id)
     if orbit is None or orbit.coefficients.shape[1] < MIN_COEFFICIENTS:
         orbit = fit_orbit(path, naif_id, *(departure_et + days * SECONDS_PER_DAY for days in (start, stop)))

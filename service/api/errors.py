@@ -10,9 +10,12 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 
+from core.export import ExportError
 from core.faults import fault_lines
+from core.problem import ProblemError
 from service.api.schemas import Fault
 from service.db.errors import WriteFault
+from service.portable.errors import PortableError
 from service.spec import SpecError
 from service.store import StoreError, UnknownRow
 from service.store.errors import Conflict
@@ -105,8 +108,14 @@ def add_error_handlers(app: FastAPI) -> None:
         return problem_response(422, "\n".join(fault_lines("request", error.errors())))
 
     @app.exception_handler(SpecError)
-    def spec(_: Request, error: SpecError) -> JSONResponse:
+    @app.exception_handler(ExportError)
+    @app.exception_handler(ProblemError)
+    def spec(_: Request, error: SpecError | ExportError | ProblemError) -> JSONResponse:
         return problem_response(422, str(error))
+
+    @app.exception_handler(PortableError)
+    def portable(_: Request, error: PortableError) -> JSONResponse:
+        return problem_response(409, str(error), code="wrong_state")
 
     @app.exception_handler(StaleAttempt)
     def stale(_: Request, error: StaleAttempt) -> JSONResponse:

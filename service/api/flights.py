@@ -1,30 +1,40 @@
 """One solution in full: flown for pictures and files, its lineage, and the job that found it."""
 
 import json
+import time
+from collections.abc import Iterable
 from functools import lru_cache
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from fastapi import APIRouter, Query
+from fastapi import APIRouter, HTTPException, Query
 from fastapi.responses import StreamingResponse
 
 from core.analysis.flight import Flight, fly
 from core.problem import problem_from
+from service import solution_export
 from service.api.context import Hash, Limit, StoreHere
 from service.api.export import CSV
 from service.api.lineage_schemas import LineageGraph, Reproduction
-from service.api.solution_files import state_lines, vector_lines
+from service.api.solution_files import vector_lines
 from service.dashboard.pictures import MOST_SAMPLES, flight_as_json
-from service.store import UnknownRow
+from service.solution_export import ALL, MEDIA, ZIP, ExportFormat, Wanted
+from service.store import Store, UnknownRow
 from workers.certificate import CertificateDocument
 
 router = APIRouter(tags=["solutions"])
 
 #: Children of a solution that are listed unless asked for otherwise.
 MOST_CHILDREN = 50
-EXPORT_EXAMPLE = (
-    "# states and controls of solution 63dd0ec3...\ntrajectory,outage_segment,...\nreference,,...\n"
-)
+_TEXT, _BYTES = {"type": "string"}, {"type": "string", "format": "binary"}
+#: What an export comes as, with its beginning.
+EXPORTS: dict[str, Any] = {
+    MEDIA[ExportFormat.SPK]: {"schema": _BYTES, "example": "DAF/SPK ..."},
+    MEDIA[ExportFormat.OEM].split(";")[0]: {"schema": _TEXT, "example": "CCSDS_OEM_VERS = 2.0\n..."},
+    ZIP: {"schema": _BYTES, "example": "PK..."},
+    MEDIA[ExportFormat.CSV]: {"schema": _TEXT, "example": "# states and controls of solution 63dd0ec3...\n"},
+    MEDIA[ExportFormat.NDJSON]: {"schema": _TEXT, "example": '{"trajectory": "reference", ...}\n'},
+}
 
 
 @router.get("/solutions/{solution_id}/trajectory")
@@ -76,25 +86,47 @@ def get_certificate(solution_id: Hash, store: StoreHere) -> CertificateDocument:
 @router.get(
     "/solutions/{solution_id}/export",
     response_class=StreamingResponse,
-    responses={200: {"content": {CSV: {"schema": {"type": "string"}, "example": EXPORT_EXAMPLE}}}},
+    responses={200: {"content": EXPORTS}},
 )
 def export_solution(
     solution_id: Hash,
     store: StoreHere,
-    format: Literal["csv"] = "csv",
+    format: ExportFormat = ExportFormat.CSV,
+    trajectory: Annotated[
+        str,
+        Query(
+            pattern="^(all|reference|[1-9][0-9]{0,3})$",
+            description="All, the reference, or the number of a realization",
+        ),
+    ] = ALL,
     what: Annotated[
-        Literal["states", "vector"], Query(description="Samples in time, or the decision vector with bounds")
+        Literal["states", "vector"], Query(description="Samples in time, or (CSV alone) the decision vector")
     ] = "states",
 ) -> StreamingResponse:
-    """Return states and controls of the reference and all realizations, or the decision vector, as CSV."""
-    definition, x = store.definition_and_vector(solution_id)
-    problem = problem_from(definition)
+    """Return states and controls of the reference and all realizations, or the decision vector with bounds.
+
+    As SPICE kernel (`spk`), CCSDS message (`oem`; one for each trajectory, so all are a ZIP), CSV or NDJSON.
+    """
     if what == "vector":
-        lines = vector_lines(solution_id, problem, x)
-    else:
-        lines = state_lines(solution_id, problem, _flown(json.dumps(definition), x.tobytes()))
-    name = f'attachment; filename="coastarc-{solution_id[:8]}-{what}.{format}"'
-    return StreamingResponse(lines, media_type=CSV, headers={"Content-Disposition": name})
+        return _vector(solution_id, store, format)
+    record = store.record(solution_id)
+    definition, _ = store.definition_and_vector(solution_id)
+    created = time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime())
+    made = solution_export.export_solution(record, definition, Wanted(format, trajectory), created)
+    return _download(made.content, made.media_type, made.name)
+
+
+def _vector(solution_id: str, store: Store, format: ExportFormat) -> StreamingResponse:
+    if format is not ExportFormat.CSV:
+        raise HTTPException(422, f"format: expected csv for the decision vector, got {format}")
+    definition, x = store.definition_and_vector(solution_id)
+    lines = vector_lines(solution_id, problem_from(definition), x)
+    return _download(lines, CSV, f"coastarc-{solution_id[:8]}-vector.csv")
+
+
+def _download(content: Iterable[str] | Iterable[bytes], media_type: str, name: str) -> StreamingResponse:
+    headers = {"Content-Disposition": f'attachment; filename="{name}"'}
+    return StreamingResponse(content, media_type=media_type, headers=headers)
 
 
 @lru_cache(maxsize=16)

@@ -6,7 +6,7 @@ from pathlib import Path
 from sqlalchemy import URL, make_url
 from sqlalchemy.exc import ArgumentError
 
-from service.db.errors import DatabaseError
+from service.db.errors import DatabaseError, unusable
 
 FILE_NAME = "coastarc.db"
 #: The URL itself, or the file that holds it, as secrets are mounted in containers.
@@ -15,6 +15,14 @@ DRIVER = "postgresql+psycopg"
 
 #: An SQLite file, or a PostgreSQL database.
 Place = Path | URL
+
+
+def make_folder(folder: Path) -> None:
+    """Make a data folder where there is none."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise unusable(folder, error.strerror) from error
 
 
 def place_of(folder: Path) -> Place:

@@ -26,3 +26,12 @@ _COUNTS = (
 #: (search_id, noun, name, number, cpu_seconds), each solution counted where a solve found it first.
 TALLIES = " UNION ALL ".join(_COUNTS)
 FILL_TALLIES = f"INSERT INTO tally (search_id, noun, name, number, cpu_seconds) {TALLIES}"
+
+
+def fill_tallies_of(search_ids: list[int]) -> str:
+    """Return the statement that fills the tallies of some searches."""
+    wanted = ", ".join(str(int(search_id)) for search_id in search_ids)
+    return (
+        "INSERT INTO tally (search_id, noun, name, number, cpu_seconds) "
+        f"SELECT counted.* FROM ({TALLIES}) AS counted WHERE counted.search_id IN ({wanted})"
+    )

@@ -1,6 +1,5 @@
 """Solves, solutions and the links to their seeds; a new solution plans the jobs that it seeds."""
 
-import hashlib
 from collections.abc import Sequence
 from typing import Any
 
@@ -20,6 +19,7 @@ from service.db.tables import (
 )
 from service.scheduler import plan
 from service.scheduler.states import ENDED
+from service.solution_hash import solution_hash
 from service.store.events import noted
 from service.store.held import Held, Worked
 from service.store.specs import layout_of_problem, search_spec, spec_of
@@ -48,12 +48,6 @@ COPIED = (
     "wall_seconds",
     "move",
 )
-
-
-def solution_hash(problem_hash: str, x: Any) -> str:
-    """Return the identity of a solution: its problem and every bit of its vector."""
-    vector = np.ascontiguousarray(x, dtype="<f8")
-    return hashlib.blake2b(bytes.fromhex(problem_hash) + vector.tobytes(), digest_size=16).hexdigest()
 
 
 def add_solve(

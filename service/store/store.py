@@ -17,6 +17,8 @@ from service.api.problem_schemas import ProblemFamily
 from service.api.solution_schemas import ChoicesView, ClusterPage, PointsView, RecordInFull
 from service.db.engine import Database
 from service.db.place import place_of
+from service.portable.container import Entry
+from service.portable.reading import ReadFile
 from service.scheduler.leases import LeaseSettings
 from service.spec import Spec
 from service.store import (
@@ -35,6 +37,8 @@ from service.store import (
     history,
     leases,
     points,
+    portable_import,
+    portable_rows,
     progress,
     pruning,
     records,
@@ -51,6 +55,7 @@ from service.store.filter import Filter
 from service.store.gauges import Gauges, require_writable
 from service.store.identity import Identities
 from service.store.page import Begin, Order
+from service.store.portable_import import TakenIn
 from service.store.seeds import SeedsWanted
 from service.store.specs import spec_fields
 from workers.executor import Ticket
@@ -189,7 +194,17 @@ class Store:
         """Give a dead or cancelled job another attempt."""
         self._database.write(lambda session: control.requeue_job(session, job_id, self._clock()))
 
+    def take_in(self, read: ReadFile) -> TakenIn:
+        """Store the campaigns of a portable file that are not there yet, in one transaction."""
+        return self._database.write(lambda session: portable_import.take_in(session, read, self._clock()))
+
     # What reads it.
+
+    def write_portable(self, campaign_id: int, take: Callable[[str, Iterable[Entry]], object]) -> None:
+        """Give `take` the hash of a campaign and the entries of its portable file, all of one moment."""
+        with self._database.read() as session:
+            chain = portable_rows.chain_of_campaigns(session, campaign_id)
+            take(chain[-1].spec_hash, portable_rows.entries(session, chain))
 
     def campaigns(self) -> list[schemas.CampaignItem]:
         """Return the campaigns, the newest first."""

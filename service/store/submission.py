@@ -100,7 +100,7 @@ def _add_searches(session: Session, campaign: CampaignRow, spec: Spec) -> None:
         session.add(row)
         session.flush()
         ids[search.id] = row.id
-        _add_cases(session, row, spec.problems_of(search))
+        add_cases(session, row, spec.problems_of(search))
 
 
 def _take_known_seeds(session: Session, campaign: CampaignRow, now: float) -> None:
@@ -163,7 +163,8 @@ def add_problem(session: Session, problem: Problem) -> bool:
     return insert_new(session, ProblemRow, fields)
 
 
-def _add_cases(session: Session, row: SearchRow, problems: Sequence[Problem]) -> None:
+def add_cases(session: Session, row: SearchRow, problems: Sequence[Problem]) -> None:
+    """Store the cases of a search, and their problems where they are new."""
     for position, problem in enumerate(problems):
         add_problem(session, problem)
         session.add(CaseRow(search_id=row.id, position=position, problem_hash=problem.hash))

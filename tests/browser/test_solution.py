@@ -158,7 +158,7 @@ def test_the_command_is_copied_and_the_files_are_there(robust, visit):
         page.click("#downloads a:has-text('Record')")
     content = json.loads(started.value.path().read_text())
     assert content["x"] == record.x and started.value.suggested_filename == f"coastarc-{record.id[:8]}.json"
-    assert page.locator("#downloads a").count() == 3
+    assert page.locator("#downloads a").count() == 6
 
 
 def test_its_children_appear_while_the_page_is_open(visit, served, tmp_path):

@@ -99,9 +99,9 @@ def test_states_and_controls_come_with_epoch_frame_and_units(asked, archive):
     record = archive.all_records(Filter(search="s1-0"))[0]
     answer = asked.get(f"{API}/solutions/{record.id}/export", params={"format": "csv"})
     assert answer.headers["content-type"].startswith("text/csv")
-    assert f'filename="coastarc-{record.id[:8]}-states.csv"' in answer.headers["content-disposition"]
+    assert f'filename="coastarc-{record.id[:8]}-all.csv"' in answer.headers["content-disposition"]
     head, rows = table(answer.text)
-    assert "J2000" in head[2] and "km/s" in head[3] and "TDB" in head[3]
+    assert record.id in head[0] and "J2000" in head[2] and "km/s" in head[3] and "TDB" in head[3]
     departure = problem_from(archive.problem(record.problem_hash).definition).departure
     assert rows[0]["epoch_tdb"][:19] == departure.epoch
     place = [float(rows[0][name]) for name in ("x_km", "y_km", "z_km", "vx_km_s", "vy_km_s", "vz_km_s")]

@@ -6,9 +6,9 @@ import pytest
 
 from core.problem import problem_from
 from service.scheduler import plan
+from service.solution_hash import solution_hash
 from service.spec import spec_from
 from service.store import Store
-from service.store.archive import solution_hash
 from service.store.records import Filter
 from tests.service.campaigns import OUTAGE, content, finish, spec_fields, submitted
 from tests.service.clock import Clock

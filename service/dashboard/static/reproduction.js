@@ -56,7 +56,10 @@ export function showDownloads(place, record) {
   /** @type {[string, string, string, string][]} */
   const files = [
     ["Record", "JSON", address(own), `${name}.json`],
-    ["States and controls", "CSV", address(`${own}/export`, { format: "csv" }), `${name}-states.csv`],
+    ["States and controls", "CSV", address(`${own}/export`, { format: "csv" }), `${name}-all.csv`],
+    ["States and controls", "NDJSON", address(`${own}/export`, { format: "ndjson" }), `${name}-all.ndjson`],
+    ["Trajectories", "SPICE SPK", address(`${own}/export`, { format: "spk" }), `${name}-all.bsp`],
+    ["Trajectories", "CCSDS OEM, one each in a ZIP", address(`${own}/export`, { format: "oem" }), `${name}-all.zip`],
     ["Decision vector", "CSV", address(`${own}/export`, { format: "csv", what: "vector" }), `${name}-vector.csv`],
   ];
   if (record.certificate_hash) files.push(["Certificate", "JSON", address(`${own}/certificate`), `${name}-certificate.json`]);

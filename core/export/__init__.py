@@ -1,0 +1,21 @@
+"""A solution taken away: its trajectories as states, and these as SPK, CCSDS OEM, CSV or NDJSON.
+
+`states` flies the reference and every realization, `spk`, `oem` and `table` write one format each.
+"""
+
+from core.export.oem import oem_lines
+from core.export.spk import write_spk
+from core.export.states import ExportedArc, ExportedTrajectory, ExportError, export_states, trajectory_name
+from core.export.table import csv_lines, ndjson_lines
+
+__all__ = [
+    "ExportError",
+    "ExportedArc",
+    "ExportedTrajectory",
+    "csv_lines",
+    "export_states",
+    "ndjson_lines",
+    "oem_lines",
+    "trajectory_name",
+    "write_spk",
+]

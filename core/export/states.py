@@ -1,0 +1,194 @@
+"""A solution as states that others can interpolate: every trajectory whole, from departure to arrival.
+
+Frame: axes of the ICRF ("J2000" in SPICE), origin at the Earth.  Units: km, km/s, kg, N; epochs in TDB
+seconds past J2000.  States are flown by the integrator of the solver, forwards from the departure and
+backwards from the target, so a jump remains at each matchpoint: the defect.  Control changes only between
+arcs, and no arc is interpolated into the next.
+
+    ExportError(ValueError)   a solution that cannot be written down
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.analysis.flight import Arc, FlownTrajectory, fly
+from core.analysis.sampling import MAX_SAMPLES
+from core.constants import SECONDS_PER_DAY
+from core.orbits import departure_state
+from core.problem import Outage, Problem
+
+Array = NDArray[np.float64]
+
+#: Samples per radian of the local circular orbit.  With these, and polynomials of `DEGREE` through positions
+#: and velocities, what is read between two samples is the flight itself to a millimetre.
+SAMPLES_PER_RADIAN = 40.0
+#: Degree of the Hermite polynomials that states are to be read with, through four samples.
+DEGREE = 7
+#: Relative tolerance of the integrator [-].
+TOLERANCE = 1e-13
+#: An arc that is shorter is left out [s]: neighbouring epochs must differ, and in it nothing moves a metre.
+SHORTEST_S = 1e-3
+
+
+class ExportError(ValueError):
+    """A solution that cannot be written down; the message says why."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExportedArc:
+    """An arc under one control; the next one begins where it ends."""
+
+    #: "coast", "thrust" or "outage".
+    kind: str
+    #: Segment from 1; 0 on coasts and outages.
+    segment: int
+    #: Throttle [-] and angles [rad]; zero on coasts and outages.
+    throttle: float
+    in_plane_rad: float
+    out_of_plane_rad: float
+    #: (3,) thrust [N].
+    thrust_n: Array
+    #: (n,) epochs [TDB s past J2000], rising.
+    et: Array
+    #: (n, 7) positions [km], velocities [km/s] and mass [kg].
+    states: Array
+    #: (n, 3) positions of the Moon [km].
+    moon_km: Array
+
+    @property
+    def degree(self) -> int:
+        """Degree of the polynomials that fit into the arc."""
+        return min(DEGREE, 2 * len(self.et) - 1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExportedTrajectory:
+    """The reference (number 0) or a realization, whole: it flies the reference until its outage."""
+
+    index: int
+    #: The outage that it recovers from; None for the reference.
+    outage: Outage | None
+    #: Epochs at which its own halves meet, and its outage begins [TDB s past J2000].
+    matchpoint_et: float
+    outage_et: float | None
+    arcs: tuple[ExportedArc, ...]
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+        return trajectory_name(self.index)
+
+    @property
+    def start_et(self) -> float:
+        """Departure [TDB s past J2000]."""
+        return float(self.arcs[0].et[0])
+
+    @property
+    def stop_et(self) -> float:
+        """Arrival [TDB s past J2000]."""
+        return float(self.arcs[-1].et[-1])
+
+
+def trajectory_name(index: int) -> str:
+    """Return what a trajectory is called, the reference being number 0."""
+    return f"realization {index}" if index else "reference"
+
+
+def export_states(problem: Problem, x: Array) -> tuple[ExportedTrajectory, ...]:
+    """Return the reference and every realization as states, dense enough to be interpolated.
+
+    Parameters
+    ----------
+    problem : Problem
+        P_k.
+    x : (n_variables,) array
+        Decision vector [days, rad, kg].
+
+    Returns
+    -------
+    tuple of ExportedTrajectory
+        The reference, then the realizations in order of outage.
+
+    Raises
+    ------
+    ExportError
+        When a trajectory passes through a body, or winds so often that its samples run out.
+    ValueError
+        When x has another shape or is not finite.
+    """
+    flight = fly(problem, x, SAMPLES_PER_RADIAN, TOLERANCE)
+    departure_et = float(departure_state(problem.departure, problem.spacecraft).et)
+    max_thrust_n = problem.spacecraft.max_thrust_n
+    whole = [_arcs(i, flown, departure_et, max_thrust_n) for i, flown in enumerate(flight.trajectories)]
+    exported = []
+    for index, flown in enumerate(flight.trajectories):
+        # Arc n of the reference is segment n: the arcs before it are the coast and segments 1 to n - 1.
+        before = whole[0][: flown.outage.segment] if flown.outage else []
+        exported.append(
+            ExportedTrajectory(
+                index=index,
+                outage=flown.outage,
+                matchpoint_et=departure_et + float(flown.days[flown.matchpoint]) * SECONDS_PER_DAY,
+                outage_et=float(whole[index][0].et[0]) if flown.outage else None,
+                arcs=tuple(_without_shortest([*before, *whole[index]])),
+            )
+        )
+    return tuple(exported)
+
+
+def _arcs(index: int, flown: FlownTrajectory, departure_et: float, max_thrust_n: float) -> list[ExportedArc]:
+    if not np.all(np.isfinite(flown.inertial_km)):
+        where = np.argmin(np.all(np.isfinite(flown.inertial_km), axis=1))
+        raise ExportError(
+            f"{trajectory_name(index)}: expected a flight from departure to target, got one that meets a "
+            f"body {float(flown.days[where]):.3f} days after departure"
+        )
+    et = departure_et + flown.days * SECONDS_PER_DAY
+    states = np.hstack([flown.inertial_km, flown.velocity_km_s, flown.mass_kg[:, None]])
+    return [_arc(index, arc, flown, et, states, max_thrust_n) for arc in flown.arcs]
+
+
+def _arc(
+    index: int, arc: Arc, flown: FlownTrajectory, et: Array, states: Array, max_thrust_n: float
+) -> ExportedArc:
+    if arc.stop - arc.first >= MAX_SAMPLES:
+        turns = MAX_SAMPLES / SAMPLES_PER_RADIAN / (2 * np.pi)
+        raise ExportError(
+            f"{trajectory_name(index)}: expected arcs of less than {turns:.0f} revolutions, got a {arc.kind} "
+            f"that has more"
+        )
+    own = slice(arc.first, arc.stop)
+    azimuth, elevation = arc.in_plane_rad, arc.out_of_plane_rad
+    level = np.cos(elevation)
+    direction = np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
+    return ExportedArc(
+        *(arc.kind, arc.segment, arc.throttle, azimuth, elevation),
+        thrust_n=arc.throttle * max_thrust_n * direction,
+        et=et[own],
+        states=states[own],
+        moon_km=flown.moon_km[own],
+    )
+
+
+def _without_shortest(arcs: Iterable[ExportedArc]) -> list[ExportedArc]:
+    """Leave out arcs that are too short, and begin the next one where they began."""
+    kept: list[ExportedArc] = []
+    begin_et: float | None = None
+    for arc in arcs:
+        if arc.et[-1] - arc.et[0] < SHORTEST_S:
+            begin_et = float(arc.et[0]) if begin_et is None else begin_et
+            continue
+        kept.append(arc if begin_et is None else _begun(arc, begin_et))
+        begin_et = None
+    return kept
+
+
+def _begun(arc: ExportedArc, begin_et: float) -> ExportedArc:
+    et, states = arc.et.copy(), arc.states.copy()
+    # In a millisecond a straight line is off by less than a micrometre.
+    states[0, :3] -= states[0, 3:6] * (et[0] - begin_et)
+    et[0] = begin_et
+    return replace(arc, et=et, states=states)

@@ -1,0 +1,5 @@
+"""What is wrong with a portable file, or with making one."""
+
+
+class PortableError(RuntimeError):
+    """A portable file that cannot be made, or that is refused; nothing has changed then."""

@@ -1,0 +1,50 @@
+"""Writing a campaign of an archive to a portable file, and taking one in."""
+
+import re
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+from service.portable.container import Unpacked, pack
+from service.portable.reading import read_all
+from service.portable.targets import unpack_targets
+from service.store import Store
+from service.store.portable_import import TakenIn
+
+_PIECE = 2**20
+
+
+def packed(store: Store, campaign_id: int) -> BinaryIO:
+    """Return the portable file of a campaign, without a name; it is gone when it is closed."""
+    draft = tempfile.TemporaryFile()
+    try:
+        store.write_portable(campaign_id, lambda campaign, entries: pack(draft, campaign, entries))
+    except BaseException:
+        draft.close()
+        raise
+    draft.seek(0)
+    return draft
+
+
+def pieces(stream: BinaryIO) -> Iterator[bytes]:
+    """Return the content of a file piece by piece."""
+    return iter(lambda: stream.read(_PIECE), b"")
+
+
+def file_name(name: str) -> str:
+    """Return what the portable file of a campaign is called."""
+    return f"campaign-{re.sub('[^A-Za-z0-9._-]+', '-', name).strip('-.') or 'file'}.zip"
+
+
+def take_in_file(store: Store, file: Path) -> TakenIn:
+    """Take in a portable file whole, or change nothing."""
+    with Unpacked(file) as unpacked:
+        new: list[Path] = []
+        try:
+            new.extend(unpack_targets(unpacked, store.folder))
+            return store.take_in(read_all(unpacked, store.folder))
+        except BaseException:
+            for path in new:
+                path.unlink(missing_ok=True)
+            raise

@@ -1,0 +1,236 @@
+"""A campaign, and those that it takes seeds from, as the lines of a portable file."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from sqlalchemy import Row, Select, func, select
+from sqlalchemy.orm import Session
+
+from service.db.dialect import plain
+from service.db.tables import (
+    AttemptRow,
+    CampaignRow,
+    JobRow,
+    ProvenanceRow,
+    SearchRow,
+    SolutionRow,
+    SolveRow,
+)
+from service.portable.container import Entry
+from service.portable.errors import PortableError
+from service.portable.lines import (
+    RESTING,
+    AttemptLine,
+    CampaignLine,
+    JobLine,
+    Line,
+    ProvenanceLine,
+    SearchLine,
+    SolutionLine,
+    SolveLine,
+    SourceLine,
+)
+from service.portable.targets import portable_fields, target_entries
+from service.store.errors import UnknownRow
+from service.store.specs import spec_of
+
+#: Rows that are in memory at once, and ids that one query names.
+CHUNK, AT_ONCE = 2000, 500
+
+_JOB, _ATTEMPT, _SOLVE = plain(JobRow).c, plain(AttemptRow).c, plain(SolveRow).c
+_SEARCH, _SOLUTION, _PROVENANCE = plain(SearchRow).c, plain(SolutionRow).c, plain(ProvenanceRow).c
+#: Columns that a line takes over under their own names.
+JOB_COLUMNS = (
+    *("kind", "chain", "hop", "n_hops", "mapping", "state", "priority", "attempt", "n_failures"),
+    *("worker", "ending", "created_at", "updated_at"),
+)
+ATTEMPT_COLUMNS = ("attempt", "worker", "started_at", "ended_at", "ending", "next_state", "error")
+SOLVE_COLUMNS = (
+    *("attempt", "hop", "rng_key", "ending", "status", "is_feasible", "paper", "strict", "objective_kg"),
+    *("violation", "n_iterations", "n_evaluations", "cpu_seconds", "wall_seconds", "move", "created_at"),
+)
+SOLUTION_COLUMNS = (
+    *("id", "objective_kg", "propellant_kg", "delta_v_km_s", "delta_v_total_km_s", "shooting_days"),
+    *("initial_coast_days", "final_coast_days", "time_of_flight_days", "insertion_epoch", "arrival_epoch"),
+    *("paper", "strict", "verification"),
+)
+
+
+def chain_of_campaigns(session: Session, campaign_id: int) -> list[CampaignRow]:
+    """Return a campaign after those that it takes seeds from, and refuse one that is at work."""
+    if session.get(CampaignRow, campaign_id) is None:
+        raise UnknownRow("campaign", campaign_id)
+    ordered: dict[int, CampaignRow] = {}
+
+    def add(one: int) -> None:
+        # A source is older than what it feeds, so this ends.
+        source = select(SearchRow.source_id).where(SearchRow.campaign_id == one)
+        owners = select(SearchRow.campaign_id).where(SearchRow.id.in_(source)).distinct()
+        for owner in sorted(session.scalars(owners)):
+            if owner != one and owner not in ordered:
+                add(owner)
+        ordered[one] = session.get_one(CampaignRow, one)
+
+    add(campaign_id)
+    for campaign in ordered.values():
+        _require_at_rest(session, campaign)
+    return list(ordered.values())
+
+
+def _require_at_rest(session: Session, campaign: CampaignRow) -> None:
+    thing = f"campaign {campaign.id} ({campaign.name})"
+    if campaign.state not in RESTING:
+        raise PortableError(
+            f"{thing}: expected state {', '.join(RESTING[:-1])} or {RESTING[-1]}, got {campaign.state}; "
+            f"wait for its end, or pause it with `coastarc pause {campaign.id}`"
+        )
+    running = (
+        select(func.count())
+        .select_from(JobRow)
+        .join(SearchRow, SearchRow.id == JobRow.search_id)
+        .where(SearchRow.campaign_id == campaign.id, JobRow.state == "running")
+    )
+    if n_running := session.scalar(running):
+        raise PortableError(f"{thing}: expected no running jobs, got {n_running}; wait until they have ended")
+
+
+def entries(session: Session, campaigns: Sequence[CampaignRow]) -> Iterator[Entry]:
+    """Yield all entries of a portable file in their order."""
+    for number, campaign in enumerate(campaigns):
+        yield from campaign_entries(session, campaign, f"campaigns/{number:02d}")
+    searches = _searches_of(session, campaigns)
+    yield "provenance.ndjson", _written(_provenances(session, searches))
+    yield "solutions.ndjson", _written(_solutions(session, searches))
+    for name, path in sorted(target_entries([spec_of(campaign) for campaign in campaigns]).items()):
+        yield name, [path.read_bytes()]
+
+
+def campaign_entries(session: Session, campaign: CampaignRow, folder: str) -> Iterator[Entry]:
+    """Yield the entries of one campaign; solves name jobs by the lines that come before them."""
+    numbers: dict[int, int] = {}
+    searches = _searches_of(session, [campaign])
+    yield f"{folder}/campaign.json", [_campaign(session, campaign).written()]
+    yield f"{folder}/jobs.ndjson", _written(_jobs(session, searches, numbers))
+    yield f"{folder}/solves.ndjson", _written(_solves(session, searches, numbers))
+
+
+def _written(lines: Iterable[Line]) -> Iterator[bytes]:
+    return (line.written() for line in lines)
+
+
+def _searches_of(session: Session, campaigns: Sequence[CampaignRow]) -> dict[int, int]:
+    """Return the positions of searches by their ids."""
+    mine = SearchRow.campaign_id.in_([campaign.id for campaign in campaigns])
+    return {
+        key: position
+        for key, position in session.execute(select(SearchRow.id, SearchRow.position).where(mine))
+    }
+
+
+def _campaign(session: Session, campaign: CampaignRow) -> CampaignLine:
+    rows = session.scalars(
+        select(SearchRow).where(SearchRow.campaign_id == campaign.id).order_by(SearchRow.position)
+    )
+    return CampaignLine(
+        spec_hash=campaign.spec_hash,
+        spec=portable_fields(spec_of(campaign)),
+        state=campaign.state,
+        priority=campaign.priority,
+        created_at=campaign.created_at,
+        finished_at=campaign.finished_at,
+        searches=tuple(_search(session, row) for row in rows),
+    )
+
+
+def _search(session: Session, row: SearchRow) -> SearchLine:
+    source = None
+    if row.source_id is not None:
+        found = session.get_one(SearchRow, row.source_id)
+        owner = session.get_one(CampaignRow, found.campaign_id)
+        source = SourceLine(campaign=owner.spec_hash, search=found.name)
+    return SearchLine(name=row.name, state=row.state, priority=row.priority, weight=row.weight, source=source)
+
+
+def _chunks(session: Session, query: Select[Any], key: Any) -> Iterator[Sequence[Row[Any]]]:
+    """Yield the rows of a query in order of a growing key, some at a time."""
+    after: Any = None
+    while True:
+        page = query if after is None else query.where(key > after)
+        rows = session.connection().execute(page.order_by(key).limit(CHUNK)).all()
+        if not rows:
+            return
+        yield rows
+        after = getattr(rows[-1], key.name)
+
+
+def _jobs(session: Session, searches: dict[int, int], numbers: dict[int, int]) -> Iterator[JobLine]:
+    query = select(plain(JobRow)).where(_JOB.search_id.in_(searches))
+    for rows in _chunks(session, query, _JOB.id):
+        attempts = _attempts(session, rows[0].id, rows[-1].id)
+        for row in rows:
+            numbers[row.id] = len(numbers)
+            yield JobLine(
+                **_taken(row, JOB_COLUMNS),
+                search=searches[row.search_id],
+                case=row.case_index,
+                seed=row.seed_id,
+                attempts=tuple(attempts.get(row.id, ())),
+            )
+
+
+def _attempts(session: Session, first: int, last: int) -> dict[int, list[AttemptLine]]:
+    query = (
+        select(plain(AttemptRow))
+        .where(_ATTEMPT.job_id.between(first, last), _ATTEMPT.ended_at.is_not(None))
+        .order_by(_ATTEMPT.job_id, _ATTEMPT.attempt)
+    )
+    found: dict[int, list[AttemptLine]] = {}
+    for row in session.connection().execute(query):
+        line = AttemptLine(**_taken(row, ATTEMPT_COLUMNS), provenance=row.provenance_hash)
+        found.setdefault(row.job_id, []).append(line)
+    return found
+
+
+def _solves(session: Session, searches: dict[int, int], numbers: dict[int, int]) -> Iterator[SolveLine]:
+    query = select(plain(SolveRow)).where(_SOLVE.search_id.in_(searches))
+    for rows in _chunks(session, query, _SOLVE.id):
+        for row in rows:
+            yield SolveLine(
+                **_taken(row, SOLVE_COLUMNS),
+                job=numbers[row.job_id],
+                defects=_with_gaps(row.defects),
+                solution=row.solution_id,
+            )
+
+
+def _provenances(session: Session, searches: dict[int, int]) -> Iterator[ProvenanceLine]:
+    used = (
+        select(_ATTEMPT.provenance_hash)
+        .join(plain(JobRow), _JOB.id == _ATTEMPT.job_id)
+        .where(_JOB.search_id.in_(searches), _ATTEMPT.ended_at.is_not(None))
+    )
+    query = select(plain(ProvenanceRow)).where(_PROVENANCE.hash.in_(used))
+    for rows in _chunks(session, query, _PROVENANCE.hash):
+        yield from (ProvenanceLine(hash=row.hash, content=row.content) for row in rows)
+
+
+def _solutions(session: Session, searches: dict[int, int]) -> Iterator[SolutionLine]:
+    found = select(_SOLVE.solution_id).where(_SOLVE.search_id.in_(searches), _SOLVE.solution_id.is_not(None))
+    query = select(plain(SolutionRow)).where(_SOLUTION.id.in_(found))
+    for rows in _chunks(session, query, _SOLUTION.id):
+        for row in rows:
+            yield SolutionLine(
+                **_taken(row, SOLUTION_COLUMNS),
+                problem=row.problem_hash,
+                x=tuple(row.x.tolist()),
+                defects=_with_gaps(row.defects),
+            )
+
+
+def _taken(row: Row[Any], names: Iterable[str]) -> dict[str, Any]:
+    return {name: getattr(row, name) for name in names}
+
+
+def _with_gaps(defects: np.ndarray[Any, Any]) -> tuple[float | None, ...]:
+    return tuple(value if np.isfinite(value) else None for value in defects.tolist())
