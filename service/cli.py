@@ -12,9 +12,11 @@ from rich.text import Text
 
 from service import cli_control, logs, terminal
 from service.api.schemas import CampaignView, JobView
+from service.cli_analyse import analyse
 from service.cli_bench import bench
 from service.cli_db import db
 from service.cli_dispatch import DispatchError, dispatch_command
+from service.cli_example import ExampleError, example
 from service.cli_options import (
     DATA,
     DEFAULT_PORT,
@@ -37,6 +39,7 @@ from service.coordinator import Coordinator, CoordinatorError, Crew
 from service.db.engine import DatabaseError
 from service.doctor import check_all
 from service.lock import LockError
+from service.missed_thrust_spec import GridError
 from service.resolve import require_flyable
 from service.security import BindError
 from service.settings import SettingsError
@@ -64,6 +67,8 @@ USER_ERRORS = (
     ClientError,
     ApiError,
     SourceError,
+    GridError,
+    ExampleError,
 )
 
 app = typer.Typer(
@@ -75,9 +80,11 @@ app = typer.Typer(
 solutions = typer.Typer(help="Look at solutions.", no_args_is_help=True)
 app.add_typer(solutions, name="solutions")
 solutions.command("reproduce")(reproduce_command)
+app.add_typer(analyse, name="analyse")
 app.add_typer(bench, name="bench")
 app.command()(report)
 app.add_typer(db, name="db")
+app.add_typer(example, name="example")
 app.add_typer(token, name="token")
 app.command("dispatch")(dispatch_command)
 for command in (

@@ -74,6 +74,8 @@ class Settings(Message):
     cpu_seconds: Annotated[float, Field(gt=0, le=86400, allow_inf_nan=False)] = 120.0
     max_iterations: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
     n_legs: Annotated[int, Field(ge=1, le=200)] = 10
+    #: Whether a seed's reference is flown as it is, and only its realizations are solved.
+    is_reference_frozen: bool = False
 
 
 class HopLaws(Message):

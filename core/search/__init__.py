@@ -7,6 +7,7 @@ from core.search.guess_laws import GUESS_LAWS, sample_guess
 from core.search.hop_laws import HOP_LAWS, HopLaw, draw_steps
 from core.search.hopping import Chain, HopSettings, hop, hop_times, is_better
 from core.search.mapping import map_seed
+from core.search.recovery import solve_recovery
 
 __all__ = [
     "GUESS_LAWS",
@@ -25,5 +26,6 @@ __all__ = [
     "is_better",
     "map_seed",
     "sample_guess",
+    "solve_recovery",
     "solve_seed",
 ]
