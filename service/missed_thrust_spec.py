@@ -6,8 +6,7 @@ a recovery leads to that from a slightly longer outage.  All else is that of any
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,8 +29,7 @@ class GridError(ValueError):
     """Segments or durations that cannot be tried; the message says why."""
 
 
-@dataclass(frozen=True, slots=True)
-class Grid:
+class Grid(NamedTuple):
     """The outages of an analysis: each duration at each segment."""
 
     segments: tuple[int, ...]

@@ -77,7 +77,7 @@ def test_it_is_no_dearer_than_the_realization_of_p_1_on_the_same_reference():
 
 
 def test_outages_of_one_problem_are_recovered_from_one_by_one():
-    (one, first), (two, second) = recovered(24, 1.0), recovered(30, 1.0)
+    first, second = (recovered(segment, 1.0)[1] for segment in (24, 30))
     both = problem(((24, 1.0), (30, 1.0)))
     outcome = solve_recovery(PRESET, optimum(), both, settings=SETTINGS)
     expected = np.concatenate([optimum(), first.x[154:], second.x[154:]])
