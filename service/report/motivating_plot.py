@@ -7,7 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from core.analysis.flight import Flight, FlownTrajectory
-from service.report.style import GREEN, INK, ORANGE, SERIES, SOFT, WIDTH, as_png, as_svg, house_style, lay_out
+from service.motivating import mean_throttle
+from service.report.style import GREEN, INK, ORANGE, SERIES, WIDTH, as_png, as_svg, house_style, lay_out
 
 #: Of the two trajectories: name and colour.
 NOMINAL, RECOVERED = ("nominal", GREEN), ("under the outage", SERIES[4])
@@ -32,6 +33,9 @@ def motivating_figure(flight: Flight) -> Figure:
     _paths(path, flight)
     nominal, recovered = flight.trajectories
     begin, end = _outage(recovered)
+    last = max(
+        flown.days[arc.stop - 1] for flown in flight.trajectories for arc in flown.arcs if arc.throttle
+    )
     for axes in (mass, throttle):
         axes.axvspan(begin, end, color=ORANGE, alpha=0.22, linewidth=0.0)
         axes.set_xlim(0.0, max(nominal.days[-1], recovered.days[-1]))
@@ -39,6 +43,7 @@ def motivating_figure(flight: Flight) -> Figure:
         mass.plot(flown.days, flown.mass_kg, color=colour, label=name)
         days, throttles = _steps(flown)
         throttle.plot(days, throttles, color=colour, linewidth=1.1)
+        throttle.axhline(mean_throttle(flown, begin, last), color=colour, linewidth=1.0, linestyle="--")
     mass.set(ylabel="mass, kg")
     mass.tick_params(labelbottom=False)
     throttle.set(xlabel="days since the end of the spiral", ylabel="throttle", ylim=(-0.04, 1.08))
@@ -48,19 +53,20 @@ def motivating_figure(flight: Flight) -> Figure:
 def _paths(axes: Axes, flight: Flight) -> None:
     nominal, recovered = flight.trajectories
     scale = 1e-3
-    axes.plot(*(flight.target.rotating_km[:, :2] * scale).T, color=SOFT, linewidth=0.9, label="target orbit")
     for flown, (name, colour) in ((nominal, NOMINAL), (recovered, RECOVERED)):
         axes.plot(*(flown.rotating_km[:, :2] * scale).T, color=colour, linewidth=1.1, label=name)
+    target = flight.target.rotating_km[:, :2] * scale
+    axes.plot(*target.T, color=SERIES[0], linewidth=1.3, label="target orbit", zorder=4)
     drift = next(arc for arc in recovered.arcs if arc.kind == "outage")
     missed = recovered.rotating_km[drift.first : drift.stop, :2] * scale
     axes.plot(*missed.T, color=ORANGE, linewidth=2.4, label="outage, 60 h", zorder=5)
-    axes.plot(0.0, 0.0, "o", color=SERIES[0], markersize=6)
-    axes.plot(384.4, 0.0, "o", color=INK, markersize=4)
-    for text, x in (("Earth", 0.0), ("Moon", 384.4)):
-        axes.annotate(text, (x, 0.0), (6, -10), textcoords="offset points", fontsize=8.0)
+    axes.plot(0.0, 0.0, "o", color=INK, markersize=6)
+    axes.plot(384.4, 0.0, "o", color=INK, markersize=4, zorder=6)
+    for text, x, shift in (("Earth", 0.0, (8, -3)), ("Moon", 384.4, (-34, 4))):
+        axes.annotate(text, (x, 0.0), shift, textcoords="offset points", fontsize=8.0)
     axes.set_aspect("equal")
     axes.set(xlabel="towards the Moon, thousand km", ylabel="across, thousand km")
-    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    axes.legend(loc="lower right")
 
 
 def _outage(flown: FlownTrajectory) -> tuple[float, float]:
