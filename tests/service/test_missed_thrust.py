@@ -125,10 +125,12 @@ def first(archive, k):
     ["sqlite", pytest.param("postgresql", marks=[pytest.mark.postgres, needs_postgres])],
     indirect=True,
 )
-def test_of_a_robust_solution_the_reference_alone_is_the_seed(archive):
-    record = first(archive, 1)
-    campaign_id, _ = archive.submit(spec_from(analysis(record.id)))
-    (claim, *_) = archive.claim("node7:1", 1, campaign_id)
+def test_of_a_robust_solution_the_reference_alone_is_the_seed(store):
+    submitted(store)
+    finish(store)
+    record = store.all_records(Filter(k=1, strict=True))[0]
+    campaign_id, _ = store.submit(spec_from(analysis(record.id)))
+    (claim, *_) = store.claim("node7:1", 1, campaign_id)
     assert claim.job.seed_id == record.id and claim.job.settings.is_reference_frozen
     assert claim.job.seed_problem["outages"] == []
     assert claim.job.seed_x == tuple(record.x[:154])
@@ -149,10 +151,11 @@ def test_real_recoveries_become_solutions_of_p_1_and_a_map(archive, client):
     view = analysed(archive, record, segments="24")
     (costs,) = view.propellant_kg
     assert len(costs) == 2 and costs[0] <= costs[1]
-    for found in archive.all_records(Filter(campaign=2)):
-        problem = problem_from(archive.definition_and_vector(found.id)[0])
-        assert verify(problem, np.array(found.x)).strict
-        assert found.x[:154] == record.x
+    recovered = archive.all_records(Filter(campaign=2))
+    problem = problem_from(archive.definition_and_vector(recovered[-1].id)[0])
+    assert verify(problem, np.array(recovered[-1].x)).strict
+    for found in recovered:
+        assert found.x[:154] == record.x and found.seed_id in {record.id, *(one.id for one in recovered)}
         cost = found.x[153] - found.x[-1]
         assert cost >= costs[view.durations_days.index(found.outages[0].duration_days)] - 1e-9  # the cheapest
     assert client.get(f"{API}/solutions/{record.id}/missed-thrust").json()["items"] == [
