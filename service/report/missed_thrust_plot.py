@@ -98,6 +98,7 @@ def _edges(places: Sequence[float]) -> np.ndarray:
     """Return the sides of cells around places."""
     middle = np.asarray(places, dtype=float)
     if len(middle) == 1:
-        return middle[0] + np.array([-0.5, 0.5])
+        return np.array([middle[0] - 0.5, middle[0] + 0.5])
     inner = 0.5 * (middle[1:] + middle[:-1])
-    return np.concatenate([[1.5 * middle[0] - 0.5 * middle[1]], inner, [1.5 * middle[-1] - 0.5 * middle[-2]]])
+    first, last = 1.5 * middle[0] - 0.5 * middle[1], 1.5 * middle[-1] - 0.5 * middle[-2]
+    return np.concatenate([[first], inner, [last]])
