@@ -38,6 +38,7 @@ def _view(analysed: Analysed, campaign: CampaignView) -> MissedThrustView:
         cpu_seconds=sum(solve.cpu_seconds for solve in analysed.facts.solves),
         final_mass_kg=found.final_mass_kg,
         arrival_days=found.arrival_days,
+        throttles=x[layout_of(problem).reference.controls][::3].tolist(),
         durations_days=found.durations_days.tolist(),
         segments=list(_risks(found, chance, fragile)),
         propellant_kg=_map(found.propellant_kg),

@@ -17,7 +17,7 @@ NAME = "missed-thrust"
 #: Iterations of a recovery, at most: what has not closed by then hardly ever does.
 MAX_ITERATIONS = 800
 #: Where an outage begins, and how long it lasts, unless asked for otherwise: every other segment; days.
-USUAL_STRIDE, USUAL_DURATIONS = 2, "0.5:3:0.5"
+USUAL_STRIDE, USUAL_DURATIONS = 2, "0.5,1,2,4,7,10"
 
 _NUMBER = r"\d+(?:\.\d+)?"
 _RANGE = re.compile(rf"({_NUMBER}):({_NUMBER}):({_NUMBER})")

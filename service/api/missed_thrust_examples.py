@@ -26,6 +26,7 @@ VIEW = {
     "cpu_seconds": 12.6,
     "final_mass_kg": 13047.6,
     "arrival_days": 66.3,
+    "throttles": [0.0, 1.0],
     "durations_days": [0.5, 1.0, 1.5],
     "segments": [RISK],
     "propellant_kg": [[0.4, 1.9, None]],

@@ -54,6 +54,8 @@ class MissedThrustView(Answer):
     final_mass_kg: float
     #: End of the reference's last burn, past departure.
     arrival_days: float
+    #: Throttle of the reference in every segment, tried or not.
+    throttles: list[float]
     durations_days: list[float]
     segments: list[SegmentRisk]
     #: Propellant beyond the reference's, and delay of the last burn's end, of the cheapest recovery.
