@@ -11,8 +11,8 @@ from service.report.page import Fact, Head, Picture, Section
 from service.report.write import write_page
 
 _MAPS = (
-    ("propellant", "propellant_kg", "Propellant", "propellant beyond the reference's, kg"),
-    ("delay", "delay_days", "Delay", "later end of the last burn, days"),
+    ("propellant", "propellant_kg", "Propellant", "beyond the reference's", "propellant, kg"),
+    ("delay", "delay_days", "Delay", "of the end of the last burn", "delay, days"),
 )
 _FROZEN = (
     "Until the outage the reference is flown as it is; then the spacecraft coasts, and what is left is "
@@ -136,9 +136,9 @@ def _maps(number: int, one: Shown) -> Section:
         Picture(
             f"{name}{suffix}",
             f"{title} of recoveries",
-            f"{one.name}: {unit}, of the cheapest recovery from an outage of so long or longer.",
+            f"{one.name}: {title.lower()} {than} of the cheapest recovery from outages so long or longer.",
             cost_map(one.view, getattr(one.view, field), unit),
         )
-        for name, field, title, unit in _MAPS
+        for name, field, title, than, unit in _MAPS
     )
     return Section(f"maps{suffix}", f"What recoveries cost: {one.name}", (), (), pictures)

@@ -45,7 +45,7 @@ function words(found) {
   const chance = `${number(100 * least, 0)} to ${number(100 * most, 0)} % of single safe modes have a recovery. `;
   const fragile = found.fragile.length ? `Fragile segments, the weakest first: ${found.fragile.join(", ")}. ` : "No segment is fragile. ";
   const open = found.n_done < found.n_jobs ? `${found.n_done} of ${found.n_jobs} solves are done. ` : "";
-  return `Propellant beyond the reference’s, which is flown as it is until the outage; no recovery was found in the red cells. ${chance}${fragile}${open}`;
+  return `Propellant beyond the reference’s, which is flown as it is until the outage; no recovery was found in the orange cells. ${chance}${fragile}${open}`;
 }
 
 /** @param {Analysis} found */
@@ -58,6 +58,7 @@ function costs(found) {
     z: turned(found.propellant_kg),
     customdata: turned(found.delay_days),
     zmin: 0,
+    zmax: Math.max(1e-3, ...found.propellant_kg.flat().map((cost) => cost ?? 0)),
     colorscale: [[0, colour("line")], [1, colour("series-1")]],
     colorbar: { title: { text: "kg", side: "top" }, thickness: 12, outlinewidth: 0 },
     hovertemplate: "segment %{x}, %{y} d: %{z:+.2f} kg, %{customdata:+.2f} d<extra></extra>",
