@@ -90,7 +90,7 @@ def fill(folder: Path, spec: Spec, n_solves: int, rng: np.random.Generator, *, i
     shares = np.diff(np.linspace(0, n_solves, len(spec.search) + 1).astype(int))
     found: dict[str, list[str]] = {}
     for (position, search), share in zip(spec.in_order, shares, strict=True):
-        seeds = found.get(search.seeds.source) if search.seeds else None
+        seeds = found.get(search.seeds.source or "") if search.seeds else None
         maker = _Maker(spec, search, position, campaign_id, rng)
         found[search.id] = maker.store(database, int(share), seeds, is_done)
     database.write(_count)

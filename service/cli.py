@@ -14,10 +14,12 @@ from core.export import ExportError
 from core.problem import ProblemError
 from service import cli_control, logs, terminal
 from service.api.schemas import CampaignView, JobView
+from service.cli_analyse import analyse
 from service.cli_bench import bench
 from service.cli_campaigns import campaigns
 from service.cli_db import db
 from service.cli_dispatch import DispatchError, dispatch_command
+from service.cli_example import ExampleError, example
 from service.cli_export import export_command
 from service.cli_options import (
     DATA,
@@ -43,6 +45,7 @@ from service.coordinator import Coordinator, CoordinatorError, Crew
 from service.db.engine import DatabaseError
 from service.doctor import check_all
 from service.lock import LockError
+from service.missed_thrust_spec import GridError
 from service.new_file import FileError
 from service.portable.errors import PortableError
 from service.refine import RefineError
@@ -81,6 +84,8 @@ USER_ERRORS = (
     ExportError,
     FileError,
     PortableError,
+    GridError,
+    ExampleError,
 )
 
 app = typer.Typer(
@@ -96,9 +101,11 @@ solutions.command("reproduce")(reproduce_command)
 solutions.command("verify")(verify_command)
 solutions.command("refine")(refine_command)
 solutions.command("export")(export_command)
+app.add_typer(analyse, name="analyse")
 app.add_typer(bench, name="bench")
 app.command()(report)
 app.add_typer(db, name="db")
+app.add_typer(example, name="example")
 app.add_typer(token, name="token")
 app.command("dispatch")(dispatch_command)
 for command in (

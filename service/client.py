@@ -17,6 +17,7 @@ from pydantic import BaseModel, ValidationError
 from service.api import schemas
 from service.api.history_schemas import CampaignCards
 from service.api.lineage_schemas import Reproduction
+from service.api.missed_thrust_schemas import MissedThrustPage
 from service.api.solution_schemas import RecordInFull
 from service.store.seeds import SeedsWanted
 from workers.client import TIMEOUT_S, Api, ApiError, Rejected
@@ -73,6 +74,10 @@ ROUTES = {
     ),
     "record": Route("GET", "/solutions/{solution_id}", RecordInFull),
     "reproduction": Route("GET", "/solutions/{solution_id}/reproduction", Reproduction),
+    "missed_thrust": Route(
+        "GET", "/solutions/{solution_id}/missed-thrust", MissedThrustPage, ("campaign", "limit")
+    ),
+    "problem": Route("GET", "/problems/{problem_hash}", schemas.ProblemView),
     "seeds": Route("GET", "/seeds", schemas.SeedPage, _SEEDS),
     "jobs": Route("GET", "/jobs", schemas.JobPage, ("campaign", "search", "state", "limit", "after")),
     "job": Route("GET", "/jobs/{job_id}", schemas.JobView),
@@ -184,6 +189,17 @@ class Client:
     def reproduction(self, solution_id: str) -> Reproduction:
         """Return the job that found a solution, and what it gave."""
         return self._ask("reproduction", Reproduction, solution_id=solution_id)
+
+    def missed_thrust(
+        self, solution_id: str, campaign: int | None = None, limit: int = 1
+    ) -> MissedThrustPage:
+        """Return the newest missed-thrust analyses of a solution, or that of one campaign."""
+        asked = {"solution_id": solution_id, "campaign": campaign, "limit": limit}
+        return self._ask("missed_thrust", MissedThrustPage, **asked)
+
+    def problem(self, problem_hash: str) -> schemas.ProblemView:
+        """Return a problem."""
+        return self._ask("problem", schemas.ProblemView, problem_hash=problem_hash)
 
     def seeds_of_search(self, campaign_id: int, search: str, wanted: SeedsWanted) -> schemas.SeedPage:
         """Return what would seed a search, and how."""

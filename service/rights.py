@@ -93,6 +93,7 @@ RIGHTS: dict[str, frozenset[Role] | None] = {
     f"GET {_API}/solutions/{{}}/export": READERS,
     f"GET {_API}/solutions/{{}}/certificate": READERS,
     f"GET {_API}/solutions/{{}}/reproduction": READERS,
+    f"GET {_API}/solutions/{{}}/missed-thrust": READERS,
     f"GET {_API}/attempts": READERS,
     f"GET {_API}/queue": READERS,
     f"GET {_API}/jobs": READERS,

@@ -12,7 +12,7 @@ from workers.job import HopLaws, Settings
 
 #: What only one of the two kinds of search may set.
 CHAIN_FIELDS = (*HopLaws.model_fields, "hops")
-SEED_FIELDS = ("seeds", "mapping")
+SEED_FIELDS = ("seeds", "mapping", "reference")
 BUDGETS = ("guesses", "core_seconds", "solutions")
 STRATEGY = re.compile(r"S\((0|[1-9]\d{0,3})(?:\|(0|[1-9]\d{0,3}))?\)")
 #: Cases of one search, at most.
@@ -84,9 +84,11 @@ Mappings = Annotated[
 class Seeds(Strict):
     """Which solutions of another search this one starts from, and for which of its cases."""
 
-    #: Id of the search that finds them, and the name or id of its campaign if that is another one.
-    source: Annotated[Name, Field(alias="from")]
+    #: Id of the search that finds them, and the name or id of its campaign if that is another one ...
+    source: Annotated[Name | None, Field(alias="from")] = None
     campaign: Name | None = None
+    #: ... or the id of one solution of the archive, of which S(k|0) takes the reference alone.
+    solution: Annotated[str, shaped("[0-9a-f]{32}", "32 hexadecimal digits, a whole id")] | None = None
     #: Least first, or each as far as possible from those before it.
     order: Literal["address", "chain", "delta_v", "time_of_flight", "diversity"] | None = None
     limit: Count | None = None
@@ -102,7 +104,18 @@ class Seeds(Strict):
     @property
     def full_name(self) -> str:
         """The source as users read it."""
+        if self.source is None:
+            return f"solution {self.solution}"
         return self.source if self.campaign is None else f"{self.campaign}/{self.source}"
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        if (self.source is None) == (self.solution is None):
+            given = "none" if self.source is None else "both"
+            raise ValueError(f"expected one of `from` and `solution`, got {given}")
+        if self.solution is not None and self.campaign is not None:
+            raise ValueError("campaign: expected beside `from`, got it beside `solution`")
+        return self
 
 
 class SearchSpec(Strict):
@@ -121,6 +134,8 @@ class SearchSpec(Strict):
     solutions: Count | None = None
     seeds: Seeds | None = None
     mapping: Mappings = ("reference",)
+    #: "frozen": the seed's reference is flown as it is, and recoveries from the outages alone are solved.
+    reference: Literal["free", "frozen"] = "free"
     guess_law: Annotated[str, one_of(GUESS_LAWS)] = HopLaws().guess_law
     hop_law: Annotated[str, one_of(HOP_LAWS)] = HopLaws().hop_law
     #: None: the law's own.
@@ -196,7 +211,9 @@ class SearchSpec(Strict):
     @property
     def settings(self) -> Settings:
         """What shapes every solve."""
-        return Settings(**{name: getattr(self, name) for name in Settings.model_fields})
+        names = set(Settings.model_fields) - {"is_reference_frozen"}
+        fields = {name: getattr(self, name) for name in names}
+        return Settings(**fields, is_reference_frozen=self.reference == "frozen")
 
     @model_validator(mode="after")
     def _cases_match(self) -> Self:
@@ -230,7 +247,9 @@ class SearchSpec(Strict):
                     f"{name}: expected to be absent for {self.strategy}, got {self._shown(name)}"
                 )
         if self.seed_k is not None and self.seeds is None:
-            raise ValueError(f"seeds: expected a table with `from` for {self.strategy}, got none")
+            raise ValueError(
+                f"seeds: expected a table with `from` or `solution` for {self.strategy}, got none"
+            )
         if self.is_refinement:
             return self._refined_rightly()
         if self.seeds is not None and self.names_seeds and self.seeds.campaign is None:

@@ -76,7 +76,7 @@ class Spec(Strict):
     def _sources_fit(self) -> Self:
         by_id = {search.id: search for search in self.search}
         for search in self.search:
-            if search.seeds is None or search.seeds.campaign is not None:
+            if search.seeds is None or search.seeds.campaign is not None or search.seeds.source is None:
                 # What another campaign holds is known to the archive alone.
                 continue
             source = by_id.get(search.seeds.source)
@@ -131,7 +131,7 @@ class Spec(Strict):
 
     def source_of(self, search: SearchSpec) -> SearchSpec | None:
         """Return the search of this campaign that the seeds of another come from."""
-        if search.seeds is None or search.seeds.campaign is not None:
+        if search.seeds is None or search.seeds.campaign is not None or search.seeds.source is None:
             return None
         return next(one for one in self.search if one.id == search.seeds.source)
 
@@ -144,12 +144,28 @@ class Spec(Strict):
     @property
     def hash(self) -> str:
         """Identity of the specification: what finds the same is the same campaign."""
-        searches = {"__all__": set(SHARING)}
-        left_out: Any = {"problem": True, "campaign": {"priority"}, "search": searches}
+        left_out: Any = {"problem": True, "campaign": {"priority"}, "search": self._without_effect()}
         whole = self.model_dump(mode="json", by_alias=True, exclude=left_out)
         for fields in whole["search"]:
             _drop_newer(fields)
         return content_hash({"problem": self.problem.hash} | whole)
+
+    def _without_effect(self) -> dict[int, Any]:
+        """Return the fields of each search that do not count for the hash.
+
+        What came with later versions counts where it is used, so that older campaigns keep their hashes.
+        """
+        left_out: dict[int, Any] = {}
+        for position, search in enumerate(self.search):
+            left_out[position] = dict.fromkeys(SHARING, True)
+            if search.reference == "free":
+                left_out[position]["reference"] = True
+            if search.integrator_tolerance is None:
+                left_out[position]["integrator_tolerance"] = True
+            if search.seeds is not None:
+                later = ("solution", "only")
+                left_out[position]["seeds"] = {name for name in later if getattr(search.seeds, name) is None}
+        return left_out
 
 
 def _drop_newer(search: dict[str, Any]) -> None:

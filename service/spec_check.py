@@ -3,6 +3,7 @@
 import json
 import re
 import tomllib
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -10,7 +11,7 @@ from pydantic import ValidationError
 
 from core.faults import fault_lines
 from service.resolve import require_flyable
-from service.search_spec import SearchSpec
+from service.search_spec import SearchSpec, Seeds
 from service.spec import Spec, SpecError, spec_from
 from service.toml_lines import line_of, syntax_fault
 
@@ -133,10 +134,27 @@ def _guesses_most(search: SearchSpec, most: dict[str, int | None]) -> int | None
     seeds = search.seeds
     if seeds is None:
         return search.guesses
-    known = None if seeds.campaign is not None else most.get(seeds.source)
+    known = _known(seeds, most)
     bounds = [n for n in (known, seeds.limit) if n is not None]
     if not bounds:
         return search.guesses
-    n_cases = 1 if seeds.pairing == "round-robin" else len(search.outage_sets)
-    mapped = min(bounds) * len(search.mapping) * n_cases
+    mapped = min(bounds) * len(search.mapping) * _cases_per_seed(search, seeds)
     return mapped if search.guesses is None else min(mapped, search.guesses)
+
+
+def _known(seeds: Seeds, most: dict[str, int | None]) -> int | None:
+    """Return how many seeds there are at most, as far as the specification tells."""
+    if seeds.source is None:
+        return 1
+    return None if seeds.campaign is not None else most.get(seeds.source)
+
+
+def _cases_per_seed(search: SearchSpec, seeds: Seeds) -> int:
+    """Return how many cases a seed is mapped to at most."""
+    if seeds.pairing == "round-robin":
+        return 1
+    if search.k != search.seed_k:
+        return len(search.outage_sets)
+    # Longer outages are in the same segments as the seed's.
+    places = Counter(tuple(segment for segment, _ in case) for case in search.outage_sets)
+    return max(places.values())

@@ -131,8 +131,3 @@ class CertificateDocument(Message):
     made_on: str
     cpu_seconds: Annotated[float, Field(ge=0)]
     checked_at: datetime
-
-
-def trajectory_name(index: int) -> str:
-    """Return what a trajectory is called, the reference being number 0."""
-    return f"realization {index}" if index else "reference"

@@ -15,6 +15,7 @@ from core import constants
 from core.analysis.approaches import Approach
 from core.analysis.certificate import Certification, FlownAgain, certify
 from core.analysis.reflight import ATOL
+from core.export import trajectory_name
 from core.problem import Problem, calendar_epoch, content_hash
 from workers.certificate import (
     CERTIFICATE_VERSION,
@@ -26,7 +27,6 @@ from workers.certificate import (
     CertifiedThrough,
     CertifiedTrajectory,
     Pair,
-    trajectory_name,
 )
 from workers.provenance import provenance
 

@@ -76,6 +76,8 @@ class Settings(Message):
     n_legs: Annotated[int, Field(ge=1, le=200)] = 10
     #: Of the integrator while propellant is saved, in canonical units; None for core's own.
     integrator_tolerance: Annotated[float, Field(ge=1e-14, le=1e-3)] | None = None
+    #: Whether a seed's reference is flown as it is, and only its realizations are solved.
+    is_reference_frozen: bool = False
 
 
 class HopLaws(Message):

@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 import core
 from core.nlp import Outcome, SolveSettings
 from core.problem import Problem, problem_from
-from core.search import Chain, HopAddress, HopSettings, hop_rng, solve_seed
+from core.search import Chain, HopAddress, HopSettings, hop_rng, solve_recovery, solve_seed
 from core.tolerances import PAPER, violation
 from core.transcription import TOLERANCE, Transcription
 from workers.certify import certificate, trajectory
@@ -99,7 +99,8 @@ def _mapped(job: MapJob, stop: Stop) -> Iterator[SolveRecord]:
     deadline = _Deadline(job.settings, problem, stop)
     stopwatch = Stopwatch()
     settings = solve_settings(job.settings)
-    outcome = solve_seed(seed_problem, seed, problem, job.mapping, settings, deadline, **form)
+    solve = solve_recovery if job.settings.is_reference_frozen else solve_seed
+    outcome = solve(seed_problem, seed, problem, job.mapping, settings, deadline, **form)
     times = stopwatch.read()
     if not stop():
         yield _record(job, job.address.hop, problem, outcome, times)

@@ -6,6 +6,7 @@ departure.  The arc ends with the last segment: afterwards the spacecraft coasts
 can be missed.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
@@ -95,15 +96,14 @@ def coverage(
         raise ValueError(f"counted: expected one of {', '.join(get_args(Counted))}, got {counted!r}")
     if not 0.0 <= throttle_threshold < 1.0:
         raise ValueError(f"throttle_threshold: expected 0 <= threshold < 1, got {throttle_threshold}")
-    spans = _spans(problem, x, throttle_threshold, counted)
-    arc = spans[-1].stop
-    none = float(between.survival(arc))
-    one = sum(_chance(span, arc, between, None) for span in spans)
-    one_covered = sum(_chance(span, arc, between, recovery) for span in spans)
-    return Coverage(none, one_covered, one - one_covered, 1.0 - none - one, arc)
+    allowed = [0.0] * problem.n_segments
+    for outage in problem.outages:
+        allowed[outage.segment - 1] = max(allowed[outage.segment - 1], outage.duration_days)
+    spans = spans_of(problem, x, allowed, throttle_threshold, counted)
+    return coverage_of(spans, [chances(span, spans[-1].stop, between, recovery) for span in spans], between)
 
 
-class _Span(NamedTuple):
+class Span(NamedTuple):
     """A coast or segment; a safe mode in it is covered if over by `missed_from + allowed`, or so short."""
 
     start: float
@@ -114,17 +114,40 @@ class _Span(NamedTuple):
     allowed: float
 
 
-def _spans(problem: Problem, x: Array, threshold: float, counted: Counted) -> list[_Span]:
+def coverage_of(spans: Sequence[Span], single: Sequence[tuple[float, float]], between: Weibull) -> Coverage:
+    """Return the sums of what `chances` gives for each span [-]."""
+    arc = spans[-1].stop
+    none = float(between.survival(arc))
+    one, one_covered = (sum(chance) for chance in zip(*single, strict=True))
+    return Coverage(none, one_covered, one - one_covered, 1.0 - none - one, arc)
+
+
+def spans_of(
+    problem: Problem, x: Array, allowed_days: Sequence[float], threshold: float, counted: Counted
+) -> list[Span]:
+    """Return the initial coast and the segments of a reference, with the outages that each can take.
+
+    Parameters
+    ----------
+    problem : Problem
+        P_k.
+    x : (n_variables,) array
+        Its decision vector [days, -, rad, kg], of which the reference's times and throttles are used.
+    allowed_days : (N,) sequence
+        The longest outage that begins with each segment and does no harm [days].
+    threshold : float
+        A segment thrusts when its throttle is above this [-].
+    counted : {"thrusting", "lasting", "any"}
+        Which single safe modes need an outage, see `Counted`.
+    """
     own, n = layout_of(problem).reference, problem.n_segments
     vector = checked_vector(layout_of(problem), x)
     starts = vector[own.initial_coast] + vector[own.shooting_time] * np.arange(n + 1) / n
     edges = [0.0, *starts.tolist()]
     # Entry 0 is the initial coast, at which no outage can be.
     is_lit = [False, *(vector[own.controls][::CONTROL] > threshold).tolist()]
-    allowed = [0.0] * (n + 1)
-    for outage in problem.outages:
-        allowed[outage.segment] = max(allowed[outage.segment], outage.duration_days)
-    return [_Span(edges[i], edges[i + 1], *_missed(i, edges, is_lit, allowed, counted)) for i in range(n + 1)]
+    allowed = [0.0, *allowed_days]
+    return [Span(edges[i], edges[i + 1], *_missed(i, edges, is_lit, allowed, counted)) for i in range(n + 1)]
 
 
 def _missed(
@@ -138,7 +161,22 @@ def _missed(
     return edges[following], allowed[following]
 
 
-def _chance(span: _Span, arc: float, between: Weibull, recovery: Weibull | None) -> float:
+def chances(span: Span, arc_days: float, between: Weibull, recovery: Weibull) -> tuple[float, float]:
+    """Return the probabilities that the only safe mode begins in a span, and that it is covered as well.
+
+    Parameters
+    ----------
+    span : Span
+        A coast or segment.
+    arc_days : float
+        From departure to the end of the last segment [days].
+    between, recovery : Weibull
+        Laws of the time between safe modes, and of durations [days].
+    """
+    return _chance(span, arc_days, between, None), _chance(span, arc_days, between, recovery)
+
+
+def _chance(span: Span, arc: float, between: Weibull, recovery: Weibull | None) -> float:
     """Return the probability that the only safe mode begins in a span, and with a recovery is covered."""
 
     def integrand(time: float) -> float:

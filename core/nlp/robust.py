@@ -68,7 +68,8 @@ class Robust:
         problem = self.transcription.problem
         outages = tuple(problem.outages[i] for i in members)
         part = problem.model_copy(update={"outages": outages})
-        return transcribe(part, n_legs or self.transcription.n_legs, self.transcription.tolerance)
+        whole = self.transcription
+        return transcribe(part, n_legs or whole.n_legs, whole.tolerance, start=whole.start)
 
     def close_alone(self, member: int) -> bool:
         """Try to close a realization against the reference as it stands."""
@@ -180,7 +181,8 @@ class Robust:
                 deep if member in self.acting else shallow
                 for member, deep, shallow in zip(members, full, deepen(problem, trial), strict=True)
             )
-            flown = transcribe(problem, self.transcription.n_legs, self.transcription.tolerance, profiles)
+            whole = self.transcription
+            flown = transcribe(problem, whole.n_legs, whole.tolerance, profiles, whole.start)
             state = close(ThrustVectors(flown), z.copy(), self.limits, STEP_ITERATIONS)
             if is_solved(state):
                 z, depth, step = state.z, trial, step * GROW

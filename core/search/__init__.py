@@ -7,6 +7,7 @@ from core.search.guess_laws import GUESS_LAWS, sample_guess
 from core.search.hop_laws import HOP_LAWS, HopLaw, draw_steps
 from core.search.hopping import Chain, HopSettings, hop, hop_times, is_better
 from core.search.mapping import map_seed
+from core.search.recovery import solve_recovery
 from core.search.refinement import REFINED, refined_problem
 
 __all__ = [
@@ -28,5 +29,6 @@ __all__ = [
     "map_seed",
     "refined_problem",
     "sample_guess",
+    "solve_recovery",
     "solve_seed",
 ]

@@ -5,6 +5,7 @@ from core.transcription.control import control_of, throttle_of, wrapped
 from core.transcription.guess import Guess
 from core.transcription.layout import STATE, Layout, TrajectoryLayout, checked_vector, layout_of
 from core.transcription.plan import OutageProfile, Structure
+from core.transcription.start import Start
 from core.transcription.transcription import DEFAULT_LEGS, STATE_SCALE, TOLERANCE, Transcription, transcribe
 
 __all__ = [
@@ -18,6 +19,7 @@ __all__ = [
     "OutageProfile",
     "RealizationPath",
     "ReferencePath",
+    "Start",
     "Structure",
     "TrajectoryLayout",
     "Transcription",

@@ -132,8 +132,9 @@ class _Builder:
         n_legs: int,
         profiles: tuple[OutageProfile, ...],
         has_thrust_vectors: bool,
+        begin: float,
     ) -> None:
-        self.has_thrust_vectors = has_thrust_vectors
+        self.has_thrust_vectors, self.begin = has_thrust_vectors, begin
         self.problem, self.layout, self.n_legs, self.profiles = problem, layout, n_legs, profiles
         self.arcs: list[tuple[int, tuple[float, ...], _Moment, _Moment]] = []
         self.legs: list[_Leg] = []
@@ -153,16 +154,17 @@ class _Builder:
     def _origin(self, trajectory: TrajectoryLayout) -> _Moment:
         """Return when a trajectory begins: departure, or the start of the missed segment."""
         if trajectory.outage is None:
-            return _Moment(0.0, (0.0,) * N_TIMES)
+            return _Moment(self.begin, (0.0,) * N_TIMES)
         share = (trajectory.outage.segment - 1) / self.problem.n_segments
-        return _Moment(0.0, (share, 1.0, 0.0, 0.0, 0.0, 0.0))
+        return _Moment(self.begin, (share, 1.0, 0.0, 0.0, 0.0, 0.0))
 
     def _moment(self, trajectory: TrajectoryLayout, boundary: int, arrival: float = 0.0) -> _Moment:
         origin = self._origin(trajectory)
         own = ((boundary - 1) / trajectory.n_segments, 1.0, arrival)
         if trajectory.outage is None:
-            return _Moment(0.0, (*own, 0.0, 0.0, 0.0))
-        return _Moment(trajectory.outage.duration_days / TU_DAYS, (*origin.times[:3], *own))
+            return _Moment(origin.constant, (*own, 0.0, 0.0, 0.0))
+        missed = trajectory.outage.duration_days / TU_DAYS
+        return _Moment(origin.constant + missed, (*origin.times[:3], *own))
 
     # -- legs ------------------------------------------------------------------------------------
 
@@ -207,7 +209,8 @@ class _Builder:
             return leg
         source = trajectory.outage.segment
         leg = self._next_leg(index, source, self.ends[0, source], of=0)
-        origin, elapsed = self._origin(trajectory), 0.0
+        origin = self._origin(trajectory)
+        elapsed = origin.constant
         for duration, control in self._profile(index):
             end = _Moment(elapsed + duration, origin.times)
             self._arc(leg, -1, _Moment(elapsed, origin.times), end, fixed=control)
@@ -362,6 +365,7 @@ def build_plan(
     n_legs: int = 1,
     profiles: tuple[OutageProfile, ...] = (),
     has_thrust_vectors: bool = False,
+    begin: float = 0.0,
 ) -> Structure:
     """Return the plan of a problem.
 
@@ -378,5 +382,7 @@ def build_plan(
         profile holds until the initial coast after the outage ends [TU].
     has_thrust_vectors : bool
         Whether z holds throttle vectors where x has throttles and angles.
+    begin : float
+        When the reference begins [TU past departure].
     """
-    return _Builder(problem, layout, n_legs, profiles, has_thrust_vectors).build()
+    return _Builder(problem, layout, n_legs, profiles, has_thrust_vectors, begin).build()

@@ -23,6 +23,7 @@ from core.transcription.evaluate import evaluate
 from core.transcription.guess import Guess
 from core.transcription.layout import STATE, Layout, checked_vector, layout_of
 from core.transcription.plan import OutageProfile, Structure, build_plan
+from core.transcription.start import Start
 from core.units import LU_KM, MU_KG, VU_KM_S
 
 Array = NDArray[np.float64]
@@ -56,6 +57,8 @@ class Transcription:
         Of the integrator, relative and absolute in canonical units [-].
     profiles : tuple of k OutageProfile
         Controls held during the outages, see `core.transcription.plan`; none by default.
+    start : Start
+        Where the reference begins, if it is under way already; None: at the departure.
     """
 
     def __init__(
@@ -64,6 +67,7 @@ class Transcription:
         n_legs: int = DEFAULT_LEGS,
         tolerance: float = TOLERANCE,
         profiles: tuple[OutageProfile, ...] = (),
+        start: Start | None = None,
     ) -> None:
         if not isinstance(n_legs, int) or n_legs < 1:
             raise ValueError(f"n_legs: expected an integer of at least 1, got {n_legs!r}")
@@ -72,12 +76,15 @@ class Transcription:
         self.problem = problem
         self.n_legs = n_legs
         self.tolerance = tolerance
+        self.start = start
         self.layout: Layout = layout_of(problem)
-        self.setting = _setting(problem.model_copy(update={"outages": ()}))
-        self.plain: Structure = build_plan(problem, self.layout, 1, profiles)
-        self.lifted: Structure = build_plan(problem, self.layout, n_legs, profiles)
+        self.setting, begin = _setting(_world(problem, start)), 0.0
+        if start is not None:
+            self.setting, begin = replace(self.setting, departure=start.state), start.time
+        self.plain: Structure = build_plan(problem, self.layout, 1, profiles, begin=begin)
+        self.lifted: Structure = build_plan(problem, self.layout, n_legs, profiles, begin=begin)
         #: The lifted form with throttle vectors for controls: the same variables otherwise, nodes included.
-        self.vectors: Structure = build_plan(problem, self.layout, n_legs, profiles, has_thrust_vectors=True)
+        self.vectors: Structure = build_plan(problem, self.layout, n_legs, profiles, True, begin)
         self.scale = self.layout.scale()
 
     @property
@@ -272,10 +279,16 @@ def transcribe(
     n_legs: int = DEFAULT_LEGS,
     tolerance: float = TOLERANCE,
     profiles: tuple[OutageProfile, ...] = (),
+    start: Start | None = None,
 ) -> Transcription:
     """Return the transcription of a problem; see `Transcription` for the parameters."""
-    _compile(problem.model_copy(update={"outages": ()}))
-    return Transcription(problem, n_legs, tolerance, profiles)
+    _compile(_world(problem, start))
+    return Transcription(problem, n_legs, tolerance, profiles, start)
+
+
+def _world(problem: Problem, start: Start | None) -> Problem:
+    """Return the reference problem whose departure, bodies and target a transcription flies with."""
+    return (problem if start is None else start.problem).model_copy(update={"outages": ()})
 
 
 @lru_cache(maxsize=8)

@@ -5,8 +5,14 @@ from typing import Any
 
 from fastapi import FastAPI
 
-from service.api import activity_examples, campaign_examples, certificate_examples
-from service.api.examples import EXAMPLES, TRAJECTORY
+from service.api import (
+    activity_examples,
+    campaign_examples,
+    certificate_examples,
+    examples,
+    missed_thrust_examples,
+)
+from service.api.examples import TRAJECTORY
 
 PROBLEM = "application/problem+json"
 #: What a refusal of each status says.
@@ -20,11 +26,15 @@ DETAILS = {
     429: "requests: expected fewer of them, got too many at once; wait 3 s",
     503: "archive: expected to take a write, got a fault; what was stored before is kept",
 }
-CODES = {409: "stale_attempt"}
 #: By the model of the answer.
-ALL_EXAMPLES = (
-    EXAMPLES | campaign_examples.EXAMPLES | activity_examples.EXAMPLES | certificate_examples.EXAMPLES
+EXAMPLES = (
+    examples.EXAMPLES
+    | certificate_examples.EXAMPLES
+    | campaign_examples.EXAMPLES
+    | activity_examples.EXAMPLES
+    | missed_thrust_examples.EXAMPLES
 )
+CODES = {409: "stale_attempt"}
 #: Answers without a model.
 BARE = {"/api/v1/solutions/{solution_id}/trajectory": TRAJECTORY}
 
@@ -44,7 +54,7 @@ def finish_document(app: FastAPI) -> None:
 
 def _finish(document: dict[str, Any]) -> None:
     schemas = document["components"]["schemas"]
-    for model, example in ALL_EXAMPLES.items():
+    for model, example in EXAMPLES.items():
         if model.__name__ in schemas:
             schemas[model.__name__]["examples"] = [example]
     for path, verbs in document["paths"].items():

@@ -16,7 +16,6 @@ from core.export import trajectory_name
 from core.orbits import departure_state
 from core.problem import Problem, calendar_epoch
 from core.transcription import Layout, TrajectoryLayout, layout_of
-from workers.certificate import trajectory_name
 
 #: Lines that are sent at once.
 BLOCK = 500

@@ -1,10 +1,11 @@
 """The files of a report: the same facts give the same bytes."""
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from core.analysis.facts import CampaignFacts
-from service.report.page import page
+from service.report.page import Head, Section, page
 from service.report.sections import head_of, sections_of, tables_of
 from service.report.style import as_png, as_svg, house_style, lay_out
 
@@ -14,11 +15,16 @@ PAGE, PARTS = "report.html", "parts"
 
 def write_report(facts: CampaignFacts, folder: Path) -> Path:
     """Write the report of a campaign into a folder, over an earlier one, and return where the page is."""
+    return write_page(lambda: (head_of(facts), sections_of(facts)), folder)
+
+
+def write_page(made: Callable[[], tuple[Head, Sequence[Section]]], folder: Path) -> Path:
+    """Write a page with its figures and tables into a folder; `made` draws in the style of the house."""
     parts = folder / PARTS
     parts.mkdir(parents=True, exist_ok=True)
     svgs: dict[str, str] = {}
     with house_style():
-        sections = sections_of(facts)
+        head, sections = made()
         for section in sections:
             for table in section.tables:
                 _write(parts / f"{table.name}.csv", table.as_csv())
@@ -28,7 +34,7 @@ def write_report(facts: CampaignFacts, folder: Path) -> Path:
                 _write(parts / f"{picture.name}.svg", svgs[picture.name])
                 (parts / f"{picture.name}.png").write_bytes(as_png(picture.figure))
     path = folder / PAGE
-    _write(path, page(head_of(facts), sections, svgs))
+    _write(path, page(head, sections, svgs))
     return path
 
 

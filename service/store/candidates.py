@@ -6,11 +6,12 @@ from sqlalchemy import ColumnElement, Select, null, select
 from sqlalchemy.orm import Session
 
 from core.analysis.distinct import features
-from core.problem import Problem
+from core.problem import Problem, problem_from
 from service.db.tables import CampaignRow, JobRow, SearchRow, SolutionRow, SolveRow
 from service.scheduler.plan import Candidate
 from service.search_spec import SearchSpec
-from service.store.specs import search_spec, spec_of
+from service.spec import SpecError
+from service.store.specs import definition_of, search_spec, spec_of
 from service.store.tallies import n_solutions, tallies
 
 Cases = tuple[tuple[tuple[int, float], ...], ...]
@@ -26,6 +27,8 @@ def candidates(
     With `most` it stops at so many of those that come first, if their order is that of an index.
     """
     assert search.seeds is not None
+    if search.seeds.solution is not None:
+        return [_named(session, campaign, search, search.seeds.solution)]
     source = session.get_one(SearchRow, row.source_id)
     source_spec = search_spec(session.get_one(CampaignRow, source.campaign_id), source)
     query = _query(source, source_spec, search, most is not None)
@@ -59,9 +62,30 @@ def n_candidates(session: Session, row: SearchRow, search: SearchSpec) -> int:
     assert search.seeds is not None
     if search.seeds.only is not None:
         return len(search.seeds.only)
+    if search.seeds.solution is not None:
+        return 1
     counted = tallies(session, SearchRow.id == row.source_id).get(row.source_id or 0, {})
     noun = "strict" if search.seeds.tolerance == "strict" else "solution"
     return n_solutions(counted.get(noun, {}), "search")
+
+
+def _named(session: Session, campaign: CampaignRow, search: SearchSpec, solution_id: str) -> Candidate:
+    """Return the one solution that a search names, or raise unless it can be a seed of it."""
+    about = f"search {search.id}: seeds.solution"
+    row = session.get(SolutionRow, solution_id)
+    if row is None:
+        raise SpecError(f"{about}: expected a solution of this archive, got {solution_id}")
+    problem = problem_from(definition_of(session, row.problem_hash))
+    if problem.family != spec_of(campaign).problem.hash:
+        raise SpecError(f"{about}: expected one of the same reference problem, got that of another")
+    if search.seeds and search.seeds.tolerance == "strict" and not row.strict:
+        raise SpecError(f'{about}: expected a strict one, got one of the paper\'s level; tolerance = "paper"')
+    if search.seed_k not in (0, problem.k):
+        raise SpecError(f"{about}: expected one with {search.seed_k} outages, got {problem.k}")
+    # S(k|0) takes its reference alone.
+    outages = problem.outages if search.seed_k else ()
+    case = tuple((outage.segment, outage.duration_days) for outage in outages)
+    return Candidate(row.id, (0, row.id, 0), case, row.delta_v_km_s, row.time_of_flight_days)
 
 
 def _query(source: SearchRow, source_spec: SearchSpec, search: SearchSpec, is_cut: bool) -> Select[Any]:

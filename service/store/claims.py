@@ -9,7 +9,7 @@ from sqlalchemy.orm import Session
 from service.db.dialect import plain
 from service.db.tables import AttemptRow, CampaignRow, CaseRow, JobRow, SearchRow, SolutionRow
 from service.scheduler.sharing import Share, in_turn, mean_cost_s
-from service.store.specs import definition_of, search_spec
+from service.store.specs import definition_of, layout_of_problem, search_spec
 from workers.job import Address, Claim, HopJob, MapJob
 
 # Statements are made once: to build one takes longer than to run it.  States stand in them as text, since
@@ -118,10 +118,15 @@ def message_of(session: Session, turn: Turn, seeds: dict[str, Any]) -> HopJob | 
     if job.seed_id is None:
         return HopJob(**shared, n_hops=job.n_hops, laws=spec.laws)
     seed = seeds[job.seed_id]
+    definition, x = definition_of(session, seed.problem_hash), seed.x
+    if spec.seed_k == 0 and definition["outages"]:
+        # A solution that was named for its reference.
+        x = x[: layout_of_problem(session, seed.problem_hash).reference.stop]
+        definition = definition | {"outages": []}
     return MapJob(
         **shared,
         seed_id=seed.id,
-        seed_problem=definition_of(session, seed.problem_hash),
-        seed_x=tuple(seed.x.tolist()),
+        seed_problem=definition,
+        seed_x=tuple(x.tolist()),
         mapping=job.mapping or "",
     )

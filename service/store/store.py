@@ -36,6 +36,7 @@ from service.store import (
     find,
     history,
     leases,
+    missed_thrust,
     points,
     portable_import,
     portable_rows,
@@ -318,6 +319,13 @@ class Store:
         """Return the job that found a solution, and what it gave."""
         with self._database.read() as session:
             return descent.reproduction(session, solution_id)
+
+    def missed_thrust_analyses(
+        self, solution_id: str, campaign_id: int | None = None, limit: int = 1
+    ) -> list[missed_thrust.Analysed]:
+        """Return what the newest missed-thrust analyses of a solution found, or that of one campaign."""
+        with self._database.read() as session:
+            return missed_thrust.find_analyses(session, solution_id, campaign_id, limit)
 
     def problems(self) -> schemas.ProblemPage:
         """Return the problems."""

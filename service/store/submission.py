@@ -111,7 +111,7 @@ def _take_known_seeds(session: Session, campaign: CampaignRow, now: float) -> No
     spec = spec_of(campaign)
     for row in session.scalars(select(SearchRow).where(SearchRow.campaign_id == campaign.id)):
         search = search_spec(campaign, row)
-        if search.seeds is None or search.seeds.campaign is None:
+        if search.seeds is None or (search.seeds.campaign is None and search.seeds.solution is None):
             continue
         known = candidates(session, campaign, row, search)
         if search.names_seeds:
@@ -119,7 +119,8 @@ def _take_known_seeds(session: Session, campaign: CampaignRow, now: float) -> No
             require_all(search, known, jobs)
             add_jobs(session, search, row, jobs, now)
             continue
-        if not known and session.get_one(SearchRow, row.source_id).state in ENDED:
+        source = row.source_id and session.get_one(SearchRow, row.source_id)
+        if not known and source and source.state in ENDED:
             about = f"search {search.id}: seeds.from: expected {search.seeds.tolerance} solutions"
             raise SpecError(f"{about}, got none from {search.seeds.full_name}, which has ended")
         if search.is_immediate:
@@ -128,7 +129,7 @@ def _take_known_seeds(session: Session, campaign: CampaignRow, now: float) -> No
 
 
 def _source_id(session: Session, spec: Spec, search: SearchSpec, ids: dict[str, int]) -> int | None:
-    if search.seeds is None:
+    if search.seeds is None or search.seeds.source is None:
         return None
     if search.seeds.campaign is None:
         return ids[search.seeds.source]

@@ -4,11 +4,18 @@ import json
 
 import pytest
 
+from core.problem import load_problem
 from service.api.certificate_examples import EXAMPLES
+from service.missed_thrust import views_of
+from service.missed_thrust_spec import analysis_spec, grid_of
+from service.spec import spec_from
 from service.store.filter import Filter
 from tests.acceptance import known
 from tests.browser.conftest import SCREENS
+from tests.service.campaigns import finish
 from workers.certificate import CertificateDocument
+
+PRESET = load_problem("ppe-drm3")
 
 #: Compressed bytes of a page with plots, and when its facts and tables stand [ms].
 MOST_BYTES, FIRST_PAINT_MS = 1_600_000, 1000.0
@@ -231,3 +238,26 @@ def test_a_certificate_is_shown_when_there_is_one_and_else_how_to_make_it(archiv
     rows = page.locator("#certificate tbody tr")
     assert rows.count() == 2 and "0.14\u00a0km" in rows.nth(0).inner_text()
     assert page.locator("#downloads a[href$='/certificate']").count() == 1
+
+
+def test_a_missed_thrust_analysis_is_shown_as_a_map(served, tmp_path, visit):
+    with served(tmp_path) as (store, url):
+        known.submitted(store)
+        work = known.dispatcher(store)
+        while work.step() or store.campaign_state(1) != "done":
+            pass
+        record = store.all_records(Filter(k=0))[0]
+        grid = grid_of(PRESET, "8,24,40", "1,2")
+        store.submit(spec_from(analysis_spec(record.id, PRESET, grid)))
+        finish(store)
+        page = visit(f"{url}/solutions/{record.id}")
+        page.wait_for_selector("#missed-thrust-plot[data-drawn]")
+        lost, costs = page.evaluate(
+            "document.getElementById('missed-thrust-plot').data.map(t => [t.x, t.y, t.z])"
+        )
+        assert costs[:2] == lost[:2] == [[8, 24, 40], [1, 2]]
+        (view,) = views_of(store, record.id)
+        assert costs[2] == [list(row) for row in zip(*view.propellant_kg, strict=True)]
+        assert "single safe modes have a recovery" in page.inner_text("#missed-thrust figcaption")
+        # Before its server goes.
+        page.close()

@@ -53,6 +53,8 @@ CALLS = {
     "solutions": (1, "s0", True, 3, "a"),
     "record": ("0" * 32,),
     "reproduction": ("0" * 32,),
+    "missed_thrust": ("0" * 32, 7, 2),
+    "problem": ("0" * 32,),
     "seeds_of_search": (1, "s0", SeedsWanted("delta_v", 3, "paper", ("reference",))),
     "seeds_of_problem": ("0" * 32, [(24, 1.0)], 1, SeedsWanted("delta_v", 3, "paper", ("reference",))),
     "jobs": (1, "s0", "dead", 3, 5),
@@ -66,6 +68,7 @@ QUERIES = {
     "solutions": {"campaign", "search", "strict", "limit", "after"},
     "seeds_of_search": {"campaign", "search", "order", "limit", "tolerance", "mapping"},
     "seeds_of_problem": {"problem", "outage", "k", "order", "limit", "tolerance", "mapping"},
+    "missed_thrust": {"campaign", "limit"},
     "jobs": {"campaign", "search", "state", "limit", "after"},
     "events": {"after", "campaign", "limit"},
 }

@@ -49,7 +49,7 @@ REFUSED = [
     (changed(seeds={"from": "s0", "tolerance": "loose"}), "spec.search.1.seeds.tolerance"),
     (changed(seeds={"from": "s0", "limit": 0}), "spec.search.1.seeds.limit"),
     (changed(seeds={"from": "s0", "order": "colour"}), "spec.search.1.seeds.order"),
-    (changed(seeds=None), "seeds: expected a table with `from` for S(1|0), got none"),
+    (changed(seeds=None), "seeds: expected a table with `from` or `solution` for S(1|0), got none"),
     (changed(strategy="S(0|0)", outages=None), "expected k' < k, or k' = k for longer outages, got S(0|0)"),
     (changed(strategy="S(1|2)"), "expected k' < k, or k' = k for longer outages, got S(1|2)"),
     (changed(strategy="S(1|1)", seeds={"from": "s1-0"}), "expected the same segments and longer outages"),

@@ -9,6 +9,7 @@ import { dateOf } from "../flight.js";
 import { FlightView } from "../flight_view.js";
 import { epoch, number, outages, shortId } from "../format.js";
 import { LineageFigure } from "../lineage.js";
+import { MissedThrustFigure } from "../missed_thrust.js";
 import { Page, facts, pathPart, showEmpty, showFacts, showTitle } from "../page.js";
 import { showDownloads, showReproduction } from "../reproduction.js";
 
@@ -16,6 +17,7 @@ const id = pathPart(1);
 const flight = new FlightView();
 const lineage = new LineageFigure(byId("lineage"));
 const defects = new DefectFigure(byId("defect-figure"));
+const outagesTaken = new MissedThrustFigure(byId("missed-thrust"));
 /** @type {any} */
 let record;
 /** @type {Promise<void>} */
@@ -27,7 +29,7 @@ let flying = Promise.resolve();
  */
 async function refresh(events, isAll) {
   if (!record) {
-    const [found, known] = await Promise.all([find(`/solutions/${id}`), find(`/solutions/${id}/lineage`)]);
+    const [found, known, analyses] = await Promise.all(["", "/lineage", "/missed-thrust"].map((what) => find(`/solutions/${id}${what}`)));
     if (!found || !known) return showEmpty(...unknown());
     record = found;
     showRecord();
@@ -35,6 +37,7 @@ async function refresh(events, isAll) {
     showReproduction(byId("reproduction"), record, known.command);
     const certificate = record.certificate_hash && (await find(`/solutions/${id}/certificate`));
     showCertificate(byId("certificate"), certificate, id);
+    outagesTaken.show(analyses?.items[0]);
     performance.mark("solution-shown");
     // Its picture takes seconds on a slow machine; the rest of the page does not wait for it.
     flying = flight.load(id, (day) => dateOf(record, day));
@@ -102,6 +105,7 @@ function subscript(k) {
 function redraw() {
   lineage.figure.draw();
   defects.figure.draw();
+  outagesTaken.draw();
   flying = flying.then(() => flight.draw());
 }
 

@@ -1,0 +1,139 @@
+"""Recoveries from outages on a trajectory that is flown as it is: the reference is frozen.
+
+Nothing but the outage ties a realization to a reference that may not move, so each is a transfer of its own:
+it begins with the reference's state as the thruster stops, coasts for at least the outage, and arrives with
+the most mass it can.  docs/missed-thrust.md.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.nlp import ExitStatus, Outcome, SolveSettings, Stop, never, solve
+from core.nlp.judging import FINE_TOLERANCE, outcome_of
+from core.nlp.limits import Limits
+from core.problem import Outage, Problem
+from core.search.mapping import map_seed
+from core.transcription import (
+    DEFAULT_LEGS,
+    TOLERANCE,
+    Guess,
+    ReferencePath,
+    Start,
+    TrajectoryLayout,
+    Transcription,
+    transcribe,
+)
+
+Array = NDArray[np.float64]
+
+
+def solve_recovery(
+    problem_from: Problem,
+    x: Array,
+    problem_to: Problem,
+    mapping: str = "aligned",
+    settings: SolveSettings | None = None,
+    stop: Stop = never,
+    n_legs: int = DEFAULT_LEGS,
+    tolerance: float = TOLERANCE,
+) -> Outcome:
+    """Fly a seed's reference as it is, and recover from each outage of P_k with the least propellant.
+
+    Parameters
+    ----------
+    problem_from : Problem
+        Problem P_k' of the seed.
+    x : (n_variables,) array
+        The seed [days, rad, kg].
+    problem_to : Problem
+        Problem P_k, of the same family and with more outages, or with longer ones.
+    mapping : str
+        A text that stands for one concrete mapping, see `core.search.expand_mapping`: where each recovery
+        starts from.
+    settings : SolveSettings
+        Limits of each recovery; the defaults if None.
+    stop : callable
+        Asked once per iteration; true ends the solve.
+    n_legs : int
+        Shooting legs of the reference, recoveries in proportion [-].
+    tolerance : float
+        Of the integrator while propellant is saved, in canonical units [-].
+
+    Returns
+    -------
+    Outcome
+        For P_k: the reference is the seed's to the last bit, and so is the objective, its final mass.
+
+    Raises
+    ------
+    ValueError
+        When the mapping is unknown or stands for several, or the problems do not fit each other.
+
+    References
+    ----------
+    docs/missed-thrust.md.
+    """
+    limits = Limits(np.inf, np.iinfo(np.int64).max, stop)
+    guess, target = map_seed(problem_from, x, problem_to, mapping), transcribe(problem_to, n_legs, tolerance)
+    states = guess.states or (None,) * len(target.layout.trajectories)
+    path = ReferencePath(target.at_tolerance(FINE_TOLERANCE), guess.x)
+    found, status = guess.x.copy(), ExitStatus.OPTIMAL
+    for own, flown in zip(target.layout.trajectories[1:], states[1:], strict=True):
+        part = recovery(target, path, own)
+        start = _entering(own, guess.x[own.offset : own.stop])
+        outcome = solve(part, Guess(start, (flown,)), settings, stop)
+        found[own.offset : own.stop] = _leaving(target, own, outcome.x)
+        limits.iterations += outcome.n_iterations
+        limits.evaluations += outcome.n_evaluations
+        status = status if outcome.status is ExitStatus.OPTIMAL else outcome.status
+    return outcome_of(target, found, status, limits)
+
+
+def recovery(transcription: Transcription, path: ReferencePath, own: TrajectoryLayout) -> Transcription:
+    """Return a realization's recovery as a transfer of its own, whose initial coast holds the outage.
+
+    Parameters
+    ----------
+    transcription : Transcription
+        P_k.
+    path : ReferencePath
+        Its reference.
+    own : TrajectoryLayout
+        Where the realization stands in P_k.
+    """
+    problem, outage = transcription.problem, _outage(own)
+    left = _left(problem, outage, own.n_segments)
+    state = path.boundaries[outage.segment - 1]
+    start = Start(problem, path.boundary_time(outage.segment), state)
+    n_legs = max(2, round(transcription.n_legs * own.n_segments / problem.n_segments))
+    return transcribe(left, n_legs, transcription.tolerance, start=start)
+
+
+def _left(problem: Problem, outage: Outage, n_segments: int) -> Problem:
+    """Return the problem that is left as an outage begins, with the bounds of a realization of P_k."""
+    box, share = problem.bounds, (problem.n_segments - outage.segment) / problem.n_segments
+    shooting = tuple(share * side for side in box.shooting_days)
+    initial = tuple(outage.duration_days + side for side in box.initial_coast_days)
+    bounds = box.model_copy(update={"shooting_days": shooting, "initial_coast_days": initial})
+    return problem.model_copy(update={"n_segments": n_segments, "bounds": bounds, "outages": ()})
+
+
+def _entering(own: TrajectoryLayout, part: Array) -> Array:
+    """Return a realization's variables as those of its recovery."""
+    x = part.copy()
+    x[own.initial_coast - own.offset] += _outage(own).duration_days
+    return x
+
+
+def _leaving(transcription: Transcription, own: TrajectoryLayout, x: Array) -> Array:
+    """Return a recovery's variables as those of its realization."""
+    part = x.copy()
+    part[own.initial_coast - own.offset] -= _outage(own).duration_days
+    lower, upper = (side[own.offset : own.stop] for side in transcription.bounds)
+    # The difference may round to just below no coast at all.
+    return np.clip(part, lower, upper)
+
+
+def _outage(own: TrajectoryLayout) -> Outage:
+    assert own.outage is not None
+    return own.outage

@@ -1,0 +1,90 @@
+// @ts-check
+/** Which outages a solution recovers from, and at what price: a map of segment and duration. */
+
+import { Figure } from "./figure.js";
+import { number } from "./format.js";
+import { axis } from "./plots.js";
+import { colour } from "./theme.js";
+
+/**
+ * @typedef {{ segment: number, longest_days: number, throttle: number }} Risk
+ * @typedef {{ durations_days: number[], segments: Risk[], propellant_kg: (number | null)[][], delay_days: (number | null)[][],
+ *   is_tried: boolean[][], fragile: number[], n_done: number, n_jobs: number, campaign_id: number,
+ *   survivability: { recovered_given_one_least: number, recovered_given_one_most: number } }} Analysis
+ */
+
+export class MissedThrustFigure {
+  /** @param {HTMLElement} place hidden until there is an analysis */
+  constructor(place) {
+    this.place = place;
+  }
+
+  /** @param {Analysis | undefined} analysis */
+  show(analysis) {
+    this.analysis = analysis;
+    this.place.hidden = !analysis;
+    if (!analysis) return;
+    this.figure ??= new Figure(this.place, "Missed thrust: what recoveries cost");
+    this.draw();
+  }
+
+  draw() {
+    if (!this.analysis || !this.figure) return;
+    const found = this.analysis;
+    const layout = {
+      xaxis: axis("segment in which the outage begins"),
+      yaxis: axis("duration, d", { tickvals: found.durations_days }),
+    };
+    void this.figure.show([lost(found), costs(found)], layout, words(found));
+  }
+}
+
+/** @param {Analysis} found */
+function words(found) {
+  const { recovered_given_one_least: least, recovered_given_one_most: most } = found.survivability;
+  const chance = `${number(100 * least, 0)} to ${number(100 * most, 0)} % of single safe modes have a recovery. `;
+  const fragile = found.fragile.length ? `Fragile segments, the weakest first: ${found.fragile.join(", ")}. ` : "No segment is fragile. ";
+  const open = found.n_done < found.n_jobs ? `${found.n_done} of ${found.n_jobs} solves are done. ` : "";
+  return `Propellant beyond the reference’s, which is flown as it is until the outage; no recovery was found in the orange cells. ${chance}${fragile}${open}`;
+}
+
+/** @param {Analysis} found */
+function costs(found) {
+  const places = found.segments.map(({ segment }) => segment);
+  return {
+    type: "heatmap",
+    x: places,
+    y: found.durations_days,
+    z: turned(found.propellant_kg),
+    customdata: turned(found.delay_days),
+    zmin: 0,
+    zmax: Math.max(1e-3, ...found.propellant_kg.flat().map((cost) => cost ?? 0)),
+    colorscale: [[0, colour("line")], [1, colour("series-1")]],
+    colorbar: { title: { text: "kg", side: "top" }, thickness: 12, outlinewidth: 0 },
+    hovertemplate: "segment %{x}, %{y} d: %{z:+.2f} kg, %{customdata:+.2f} d<extra></extra>",
+    hoverongaps: false,
+  };
+}
+
+/** @param {Analysis} found */
+function lost(found) {
+  const isLost = found.propellant_kg.map((row, i) => row.map((cell, j) => (cell === null && found.is_tried[i][j] ? 1 : null)));
+  return {
+    type: "heatmap",
+    x: found.segments.map(({ segment }) => segment),
+    y: found.durations_days,
+    z: turned(isLost),
+    colorscale: [[0, colour("poor")], [1, colour("poor")]],
+    showscale: false,
+    hovertemplate: "segment %{x}, %{y} d: no recovery found<extra></extra>",
+    hoverongaps: false,
+  };
+}
+
+/**
+ * @template T
+ * @param {T[][]} rows
+ */
+function turned(rows) {
+  return rows[0].map((_, j) => rows.map((row) => row[j]));
+}
