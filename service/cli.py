@@ -152,7 +152,14 @@ def _conclude(view: CampaignView, dead: list[JobView], is_finished: bool) -> Non
 @app.command()
 def serve(
     data: Data = DATA,
-    workers: Workers = WORKERS,
+    workers: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            max=1024,
+            help="Worker processes, one per core if left out; 0 leaves all work to dispatchers.",
+        ),
+    ] = WORKERS,
     executor: Executor = ExecutorKind.PROCESS,
     host: Host = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port.")] = DEFAULT_PORT,
