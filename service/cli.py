@@ -12,7 +12,9 @@ from rich.text import Text
 
 from service import cli_control, logs, terminal
 from service.api.schemas import CampaignView, JobView
+from service.benchmark.benchmark_set import BenchmarkError
 from service.cli_bench import bench
+from service.cli_benchmark import benchmark
 from service.cli_db import db
 from service.cli_dispatch import DispatchError, dispatch_command
 from service.cli_options import (
@@ -64,6 +66,7 @@ USER_ERRORS = (
     ClientError,
     ApiError,
     SourceError,
+    BenchmarkError,
 )
 
 app = typer.Typer(
@@ -76,6 +79,7 @@ solutions = typer.Typer(help="Look at solutions.", no_args_is_help=True)
 app.add_typer(solutions, name="solutions")
 solutions.command("reproduce")(reproduce_command)
 app.add_typer(bench, name="bench")
+app.add_typer(benchmark, name="benchmark")
 app.command()(report)
 app.add_typer(db, name="db")
 app.add_typer(token, name="token")
@@ -157,7 +161,7 @@ def serve(
         typer.Option(
             min=0,
             max=1024,
-            help="Worker processes, one per core if left out; 0 leaves all work to dispatchers.",
+            help="Worker processes, one per core if left out; 0 leaves the work to others.",
         ),
     ] = WORKERS,
     executor: Executor = ExecutorKind.PROCESS,

@@ -1,4 +1,4 @@
-"""The image and the compose file say what the code does: commands, extras, ports, paths, settings, secrets."""
+"""The image and the compose file agree with the code: commands, extras, ports, paths, settings, secrets."""
 
 import json
 import re
