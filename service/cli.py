@@ -14,8 +14,10 @@ from core.export import ExportError
 from core.problem import ProblemError
 from service import cli_control, logs, terminal
 from service.api.schemas import CampaignView, JobView
+from service.benchmark.benchmark_set import BenchmarkError
 from service.cli_analyse import analyse
 from service.cli_bench import bench
+from service.cli_benchmark import benchmark
 from service.cli_campaigns import campaigns
 from service.cli_db import db
 from service.cli_dispatch import DispatchError, dispatch_command
@@ -86,6 +88,7 @@ USER_ERRORS = (
     PortableError,
     GridError,
     ExampleError,
+    BenchmarkError,
 )
 
 app = typer.Typer(
@@ -103,6 +106,7 @@ solutions.command("refine")(refine_command)
 solutions.command("export")(export_command)
 app.add_typer(analyse, name="analyse")
 app.add_typer(bench, name="bench")
+app.add_typer(benchmark, name="benchmark")
 app.command()(report)
 app.add_typer(db, name="db")
 app.add_typer(example, name="example")
@@ -180,7 +184,14 @@ def _conclude(view: CampaignView, dead: list[JobView], is_finished: bool) -> Non
 @app.command()
 def serve(
     data: Data = DATA,
-    workers: Workers = WORKERS,
+    workers: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            max=1024,
+            help="Worker processes, one per core if left out; 0 leaves the work to others.",
+        ),
+    ] = WORKERS,
     executor: Executor = ExecutorKind.PROCESS,
     host: Host = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port.")] = DEFAULT_PORT,

@@ -62,9 +62,10 @@ def _follow(console: Console, coordinator: Coordinator, campaign_id: int) -> Non
 
 
 def serve_until_interrupted(coordinator: Coordinator, crew: Crew) -> None:
-    """Work on all campaigns until Ctrl-C."""
+    """Work on all campaigns until Ctrl-C; without workers of its own, leave that to dispatchers elsewhere."""
     try:
-        coordinator.work(crew)
+        if crew.n_workers != 0:
+            coordinator.work(crew)
         while True:
             time.sleep(STATE_PERIOD_S)
             coordinator.raise_fault()

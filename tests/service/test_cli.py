@@ -263,6 +263,19 @@ def test_a_killed_run_leaves_no_process_and_goes_on(tmp_path, spec_file):
     assert process.returncode == 0 and "test: done" in printed
 
 
+@pytest.mark.parametrize("workers", [0, 1])
+def test_serve_without_workers_leaves_the_work_to_dispatchers_elsewhere(coastarc, monkeypatch, workers):
+    begun = []
+
+    def interrupt(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Coordinator, "work", lambda _, crew: begun.append(crew.n_workers))
+    monkeypatch.setattr(Coordinator, "raise_fault", interrupt)
+    assert coastarc("serve", "--port", 0, "--workers", workers)[0] == 0
+    assert begun == [1] * workers
+
+
 def test_serve_works_on_what_is_submitted_and_stops_with_a_reader_connected(tmp_path, spec_file):
     process = start(tmp_path, "serve", "--port", "0")
     url = re.search(r"http\S+", process.stdout.readline())[0]
