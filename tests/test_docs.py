@@ -123,13 +123,6 @@ def test_equations_have_one_number_each():
     assert {str(number) for number in range(1, 25)} <= set(numbers)
 
 
-@pytest.mark.parametrize("page", [*sorted((ROOT / "docs").rglob("*.md")), ROOT / "README.md"], ids=str)
-def test_links_of_a_page_lead_somewhere(page):
-    text = page.read_text(encoding="utf-8")
-    for target in re.findall(r"\]\((?!https?:)([^)#]*)(?:#[^)]*)?\)", text):
-        assert not target or (page.parent / target).exists(), target
-
-
 @pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.relative_to(ROOT).as_posix())
 def test_pages_that_the_code_names_exist(path):
     for page in re.findall(r"docs/[\w/-]+\.md", path.read_text(encoding="utf-8")):
