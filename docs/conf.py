@@ -1,4 +1,4 @@
-"""The pages of this folder as a site: `make docs` writes it to build/docs, and it loads nothing from elsewhere."""
+"""The pages of this folder as a site, which loads nothing from elsewhere: `make docs` writes it to build."""
 
 import os
 from importlib.metadata import version as version_of

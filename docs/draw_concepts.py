@@ -57,7 +57,9 @@ def _of_seed(store: Store, strategy: str, seed: str, case: tuple[tuple[int, floa
 
 
 def _flight(problem: Problem, record: RecordWithVector) -> Flight:
-    return fly(problem.with_outages([(o.segment, o.duration_days) for o in record.outages]), np.array(record.x))
+    return fly(
+        problem.with_outages([(o.segment, o.duration_days) for o in record.outages]), np.array(record.x)
+    )
 
 
 def _figure(n: int, width: float = 10.0, height: float = 4.2) -> tuple[Figure, list[Axes]]:

@@ -14,10 +14,10 @@ class StoreError(RuntimeError):
 
 
 class UnknownRow(StoreError):
-    """No row has this id."""
+    """No row has this id, or no row this id or name."""
 
-    def __init__(self, noun: str, key: object) -> None:
-        super().__init__(f"{noun} {key}: expected one that exists, got none with this id")
+    def __init__(self, noun: str, key: object, by: str = "id") -> None:
+        super().__init__(f"{noun} {key}: expected one that exists, got none with this {by}")
 
 
 class Conflict(StoreError):
