@@ -65,7 +65,7 @@ def commands_of(page, program="coastarc"):
 
 def _commands_in(line, program):
     try:
-        words = shlex.split(line, comments=True)
+        words = shlex.split(re.sub(r"\$\([^)]*\)", "WORD", line), comments=True)
     except ValueError:
         return []
     words = words[words.index("&&") + 1 :] if "&&" in words[: _place(words, program)] else words
