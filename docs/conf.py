@@ -20,6 +20,9 @@ myst_heading_anchors = 4
 # Indented lines in which equations stand are no code of any language.
 highlight_language = "none"
 
+# Shapes are written with the names of sizes, which several classes have; no link is meant.
+suppress_warnings = ["ref.python"]
+
 autodoc_typehints = "description"
 autodoc_typehints_description_target = "documented_params"
 autodoc_member_order = "alphabetical"

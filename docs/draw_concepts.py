@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from core.analysis.flight import Flight, FlownTrajectory, fly, to_rotating
 from core.analysis.reflight import MOON, Pilot
 from core.constants import G0, SECONDS_PER_DAY
+from core.ephemeris import furnish
 from core.orbits import departure_state, target_kernel
 from core.problem import Problem, load_problem
 from service.api.schemas import RecordWithVector
@@ -25,9 +26,10 @@ matplotlib.use("Agg")
 Array = NDArray[np.float64]
 
 IMAGES = Path(__file__).parent / "images"
-#: The outage of the pictures: it begins in the middle of a burn of the cheapest transfer of the study.
-SEGMENT, DURATION_DAYS = 20, 1.5
-CASE = ((4, DURATION_DAYS), (12, DURATION_DAYS), (20, DURATION_DAYS))
+#: The outage of the pictures stops a burn of the cheapest transfer that seeded both problems.
+SEGMENT, DURATION_DAYS = 12, 1.5
+SINGLE = ((SEGMENT, DURATION_DAYS),)
+TRIPLE = ((4, DURATION_DAYS), (8, DURATION_DAYS), (12, DURATION_DAYS))
 REFERENCE, THRUST, OUTAGE, TARGET = "#5b7f9e", "#1f3d5a", "#e07b00", "#b0b0b0"
 REALIZATIONS = ("#2a9d6f", "#c9a400", "#8e5bb5")
 #: Places on the path without recovery, for each segment.
@@ -37,10 +39,11 @@ SAMPLES = 12
 def main(study: Path) -> None:
     """Draw all pictures."""
     with Store(study, read_only=True) as store:
-        seed = store.all_records(filter_of(strategy="S(0)", strict=True), 1)[0]
-        single = _of_seed(store, "S(1|0)", seed.id, ((SEGMENT, DURATION_DAYS),))
-        triple = _of_seed(store, "S(3|0)", seed.id, CASE)
-        chains = store.all_records(filter_of(campaign=1, search="s0"))
+        seeds = store.all_records(filter_of(strategy="S(0)", strict=True))
+        singles, triples = _by_seed(store, "S(1|0)", SINGLE), _by_seed(store, "S(3|0)", TRIPLE)
+        chains = store.all_records(filter_of(campaign=1, search="s0", strict=True))
+    seed = next(record for record in seeds if record.id in singles and record.id in triples)
+    single, triple = singles[seed.id], triples[seed.id]
     problem = load_problem("ppe-drm3")
     flights = [_flight(problem, record) for record in (seed, single, triple)]
     _draw_reference(flights[0])
@@ -49,11 +52,16 @@ def main(study: Path) -> None:
     _draw_hops(chains)
 
 
-def _of_seed(store: Store, strategy: str, seed: str, case: tuple[tuple[int, float], ...]) -> RecordWithVector:
-    for record in store.all_records(filter_of(strategy=strategy, strict=True)):
-        if record.seed_id == seed and tuple((o.segment, o.duration_days) for o in record.outages) == case:
-            return record
-    raise SystemExit(f"study: expected a solution of {strategy} from seed {seed[:8]}, got none")
+def _by_seed(
+    store: Store, strategy: str, case: tuple[tuple[int, float], ...]
+) -> dict[str | None, RecordWithVector]:
+    """Return the solutions of a case by their seeds."""
+    records = store.all_records(filter_of(strategy=strategy, strict=True))
+    return {
+        record.seed_id: record
+        for record in records
+        if tuple((outage.segment, outage.duration_days) for outage in record.outages) == case
+    }
 
 
 def _flight(problem: Problem, record: RecordWithVector) -> Flight:
@@ -84,7 +92,7 @@ def _bodies(axes: Axes, flight: Flight, second: int) -> None:
     target = flight.target.rotating_km / 1e3
     axes.plot(target[:, 0], target[:, second], color=TARGET, lw=2.5, zorder=1)
     axes.plot(384.4, 0, "o", color="#888888", ms=6, zorder=5)
-    axes.annotate("Moon", (384.4, 0), (6, -10), textcoords="offset points", fontsize=8)
+    axes.annotate("Moon", (384.4, 0), (8, -16), textcoords="offset points", fontsize=8)
 
 
 def _track(
@@ -116,7 +124,7 @@ def _draw_reference(flight: Flight) -> None:
     plan.annotate("Earth", (0, 0), (8, -12), textcoords="offset points", fontsize=8)
     plan.plot(*start, "^", color="#222222", ms=6, zorder=6)
     plan.annotate("departure", start, (8, -4), textcoords="offset points", fontsize=8)
-    plan.annotate("matchpoint", match, (8, 6), textcoords="offset points", fontsize=8, color="#c0392b")
+    plan.annotate("matchpoint", match, (-62, 8), textcoords="offset points", fontsize=8, color="#c0392b")
     side.set_aspect("equal", adjustable="box")
     side.set_xlim(300, 460)
     side.set_ylim(-90, 40)
@@ -129,7 +137,7 @@ def _draw_reference(flight: Flight) -> None:
 def _draw_outage(problem: Problem, x: Array, seed: Flight, robust: Flight) -> None:
     figure, (left, right) = _figure(2)
     path, miss = _without_recovery(problem, x)
-    _plane(left, f"not prepared: {miss / 1e3:,.0f},000 km from the target at its arrival")
+    _plane(left, f"not prepared: {1000 * round(miss / 1e3):,} km from the target at the arrival")
     _plane(right, "P_1: a reference and its realization")
     for axes, flight in ((left, seed), (right, robust)):
         _bodies(axes, flight, 1)
@@ -169,7 +177,9 @@ def _without_recovery(problem: Problem, x: Array) -> tuple[Array, float]:
                 times.append(time)
                 places.append(state[:3])
     moon = np.array([pilot.state_of(MOON, moment) for moment in times])
-    target = pilot.target_state(target_kernel(problem)[1], time)
+    kernel, naif_id = target_kernel(problem)
+    furnish(kernel)
+    target = pilot.target_state(naif_id, time)
     miss = float(np.linalg.norm(state[:3] - target[:3]))
     return to_rotating(np.array(places), moon[:, :3], moon[:, 3:])[:, :2] / 1e3, miss
 
@@ -185,8 +195,8 @@ def _draw_seeds(flights: list[Flight], records: tuple[RecordWithVector, ...]) ->
         for flown, colour in zip(flight.trajectories[1:], REALIZATIONS, strict=False):
             _track(axes, flown, 1, colour, lw=1.6)
         axes.set_aspect("equal", adjustable="box")
-        axes.set_xlim(-120, 480)
-        axes.set_ylim(-300, 300)
+        axes.set_xlim(-250, 480)
+        axes.set_ylim(-330, 330)
     _save(figure, "seeds")
 
 
