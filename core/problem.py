@@ -370,21 +370,21 @@ def load_problem(path_or_preset: str | Path) -> Problem:
     try:
         text = path.read_text(encoding="utf-8")
         table = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
-    except (OSError, UnicodeDecodeError, ValueError) as error:
-        names = ", ".join(presets())
+    except (OSError, ValueError) as error:
+        names, reason = ", ".join(presets()), getattr(error, "strerror", None) or error
         raise ProblemError(
-            f"problem: expected a preset ({names}) or a readable file, got {path}: {error}"
+            f"problem: expected a preset ({names}) or a readable file, got {path}: {reason}"
         ) from error
     fields = table.get("problem", table) if isinstance(table, dict) else table
-    return problem_from(with_local_files(fields, path.parent))
+    return problem_from(beside(fields, path.parent))
 
 
-def with_local_files(fields: Any, folder: Path) -> Any:
-    """Return the fields of a problem; the file that they may name is looked for from a folder on."""
+def beside(fields: Any, folder: Path) -> Any:
+    """Return the fields of a problem, the file of its target looked for in a folder where it is relative."""
     target = fields.get("target") if isinstance(fields, Mapping) else None
     if not isinstance(target, Mapping) or not isinstance(target.get("path"), str):
         return fields
-    return {**fields, "target": {**target, "path": str(folder / target["path"])}}
+    return {**fields, "target": {**target, "path": str((folder / target["path"]).resolve())}}
 
 
 def problem_from(fields: Any) -> Problem:

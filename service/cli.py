@@ -23,6 +23,7 @@ from service.cli_db import db
 from service.cli_dispatch import DispatchError, dispatch_command
 from service.cli_example import ExampleError, example
 from service.cli_export import export_command
+from service.cli_faults import InOrder, fault_line
 from service.cli_options import (
     DATA,
     DEFAULT_PORT,
@@ -37,7 +38,7 @@ from service.cli_options import (
     print_json,
 )
 from service.cli_refine import refine_command
-from service.cli_report import report
+from service.cli_report import ReportError, report
 from service.cli_reproduce import reproduce_command
 from service.cli_run import announce, crew_of, run_to_end, serve_until_interrupted
 from service.cli_token import TokenError, token
@@ -74,6 +75,7 @@ USER_ERRORS = (
     BindError,
     SettingsError,
     TokenError,
+    ReportError,
     CoordinatorError,
     ExecutorError,
     DispatchError,
@@ -92,6 +94,7 @@ USER_ERRORS = (
 )
 
 app = typer.Typer(
+    cls=InOrder,
     help="Search for low-thrust trajectories that survive missed-thrust events.",
     no_args_is_help=True,
     add_completion=False,
@@ -127,7 +130,7 @@ errors = Console(stderr=True)
 SpecFile = Annotated[Path, typer.Argument(help="Campaign specification, .toml or .json.")]
 Host = Annotated[str, typer.Option(help="Address to serve on; another than loopback asks for tokens.")]
 Executor = Annotated[ExecutorKind, typer.Option(help="What runs the jobs.")]
-CampaignId = Annotated[int | None, typer.Option(help="Id of a campaign.")]
+CampaignName = Annotated[str | None, typer.Option(help="Id or name of a campaign.")]
 
 
 @app.command()
@@ -194,7 +197,7 @@ def serve(
     ] = WORKERS,
     executor: Executor = ExecutorKind.PROCESS,
     host: Host = "127.0.0.1",
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port.")] = DEFAULT_PORT,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page and the API.")] = DEFAULT_PORT,
 ) -> None:
     """Serve the page and the API, and work on every campaign that is submitted, until interrupted."""
     logs.configure()
@@ -208,7 +211,7 @@ def submit(
     spec: SpecFile,
     url: Url = DEFAULT_URL,
     key: Annotated[
-        str | None, typer.Option(help="Makes a repetition known; another specification with it is refused.")
+        str | None, typer.Option(help="Any text; repeated with it, a submission counts once.")
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -225,7 +228,7 @@ def submit(
 @solutions.command("list")
 def list_solutions(
     data: Data = DATA,
-    campaign: CampaignId = None,
+    campaign: CampaignName = None,
     search: Annotated[str | None, typer.Option(help="Name of a search.")] = None,
     strategy: Annotated[str | None, typer.Option(help='Strategy, as "S(1|0)".')] = None,
     k: Annotated[int | None, typer.Option(min=0, help="Number of outages survived.")] = None,
@@ -235,22 +238,25 @@ def list_solutions(
         bool | None, typer.Option("--strict/--paper-only", help="Only those that are, or are not, strict.")
     ] = None,
     sort: Annotated[Sort, typer.Option(help="What they are sorted by.")] = "objective_kg",
-    limit: Annotated[int | None, typer.Option(min=1, help="At most so many, the best first.")] = None,
+    limit: Annotated[int | None, typer.Option(min=1, help="At most so many, the first by --sort.")] = None,
     as_json: Json = False,
 ) -> None:
-    """List verified solutions, the least propellant first."""
-    wanted = filter_of(
-        campaign=campaign,
-        search=search,
-        strategy=strategy,
-        k=k,
-        segment=segment,
-        duration_days=duration,
-        strict=strict,
-    )
+    """List verified solutions, the least propellant first unless --sort says otherwise."""
     with Store(data, read_only=True) as store:
+        wanted = filter_of(
+            campaign=None if campaign is None else store.find_campaign(campaign),
+            search=search,
+            strategy=strategy,
+            k=k,
+            segment=segment,
+            duration_days=duration,
+            strict=strict,
+        )
         records = store.all_records(wanted, limit, Order(sort))
-    _show(records, terminal.solution_list(records), as_json)
+    if records or as_json:
+        _show(records, terminal.solution_list(records), as_json)
+    else:
+        console.print("No solution of this archive is so.")
 
 
 @solutions.command("show")
@@ -293,7 +299,12 @@ def main() -> None:
         # A shell starts background jobs deaf to SIGINT; whoever sends one means it.
         signal.signal(number, _as_interrupt)
     try:
-        app()
+        # Not by itself: what was typed wrongly is told in one line too.
+        sys.exit(app(prog_name="coastarc", standalone_mode=False) or 0)
+    except typer.TyperException as error:
+        if line := fault_line(error):
+            _complain(line)
+        sys.exit(2)
     except USER_ERRORS as error:
         _complain(str(error))
         sys.exit(2)

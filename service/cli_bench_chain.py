@@ -14,7 +14,15 @@ from service.bench_machine import machine
 from service.bench_session import Ledger, Progress, is_cut_short, opened, require_folders, user_errors
 from service.cli_bench_solve import DEFAULTS, CpuSeconds, JsonFile, MaxIterations, Workers
 from workers.bench_cases import DEFAULT_GROUPS, Case, grouped_cases, parsed_cases
-from workers.bench_chain import ChainPlan, SolvedLink, n_links, solution_of, solve_links, warm_up
+from workers.bench_chain import (
+    ChainPlan,
+    SolvedLink,
+    check_mappings,
+    n_links,
+    solution_of,
+    solve_links,
+    warm_up,
+)
 from workers.bench_chain_summary import as_fields, by_case, by_group
 from workers.bench_seeds import Solution, distinct, read_solutions, write_solutions
 from workers.bench_solve import GuessPlan, found_seeds
@@ -109,6 +117,7 @@ def chain(
         limits = SolveSettings(cpu_seconds, max_iterations)
         wanted = _wanted(cases, group)
         mappings = tuple(part.strip() for part in mapping.split(","))
+        check_mappings(mappings)
         if seeds is not None:
             given = tuple(distinct(read_solutions(seeds))[:limit])
         else:

@@ -13,7 +13,9 @@ from service.bench_machine import machine
 
 Outcomes = Annotated[int, typer.Option(min=1, help="End after so many outcomes ...")]
 Slots = Annotated[int, typer.Option(min=1, max=1000, help="Workers of one dispatcher.")]
-Seconds = Annotated[float, typer.Option(min=0.1, help="... or after this time [s], whichever comes first.")]
+Seconds = Annotated[
+    float, typer.Option(min=0.1, help="Time after which it ends if the outcomes are not there yet [s].")
+]
 WorkersOption = Annotated[int, typer.Option("--workers", min=1, max=1000, help="Simulated workers.")]
 Rate = Annotated[float, typer.Option(min=0, help="Outcomes per second that they offer; 0 all that they can.")]
 Feasible = Annotated[float, typer.Option(min=0, max=1, help="Share of outcomes that are solutions.")]

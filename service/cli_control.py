@@ -132,7 +132,10 @@ def share(
     campaign: Campaign,
     search: Search = None,
     weight: Annotated[
-        float | None, typer.Option(min=1e-3, max=1e6, help="Of a search beside others of equal priority.")
+        float | None,
+        typer.Option(
+            min=1e-3, max=1e6, help="Part of the workers that a search gets, beside others of equal priority."
+        ),
     ] = None,
     priority: Annotated[int | None, typer.Option(help="Lower goes first.")] = None,
     url: Url = DEFAULT_URL,
@@ -201,9 +204,10 @@ def seeds(
     search: Annotated[str | None, typer.Option(help="Search to be seeded.")] = None,
     problem: Annotated[str | None, typer.Option(help="Hash of a problem to be seeded instead.")] = None,
     outage: Annotated[
-        list[str] | None, typer.Option(help="Other outage than the problem's, as segment:days; repeat it.")
+        list[str] | None,
+        typer.Option(help="Outage instead of the problem's, as segment:days; may be repeated."),
     ] = None,
-    k: Annotated[int | None, typer.Option(min=0, help="Outages of the seeds.")] = None,
+    k: Annotated[int | None, typer.Option(min=0, help="Number of outages that the seeds survive.")] = None,
     order: Annotated[
         Literal["address", "delta_v", "time_of_flight", "diversity"] | None, typer.Option(help="Which first.")
     ] = None,
@@ -211,7 +215,9 @@ def seeds(
     tolerance: Annotated[
         Literal["strict", "paper"] | None, typer.Option(help="How feasible seeds must be.")
     ] = None,
-    mapping: Annotated[list[str] | None, typer.Option(help="Rule that makes guesses; repeat it.")] = None,
+    mapping: Annotated[
+        list[str] | None, typer.Option(help="Rule that makes guesses; may be repeated.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Show which solutions would seed a search or a problem, and by which mapping."""

@@ -12,7 +12,7 @@ from rich.console import Console
 from service import terminal
 from service.db.backup import backup, restore
 from service.db.check import check
-from service.db.errors import DatabaseError
+from service.db.errors import DatabaseError, no_archive
 from service.db.place import make_folder, place_of, shown
 from service.db.tables import SCHEMA_VERSION
 from service.db.upgrade import upgrade, version_of
@@ -31,12 +31,12 @@ def upgrade_archive(
     backup_file: Annotated[
         Path | None, typer.Option("--backup", help="New file for the backup; in the data folder if left out.")
     ] = None,
-    no_backup: Annotated[bool, typer.Option("--no-backup", help="Make none.")] = False,
+    no_backup: Annotated[bool, typer.Option("--no-backup", help="Upgrade without a backup.")] = False,
 ) -> None:
     """Bring an archive of an older version to this one, after a backup; all or nothing."""
     place = place_of(data)
     if isinstance(place, Path) and not place.is_file():
-        raise DatabaseError(f"archive: expected a file, got {place}, which is none; run a campaign first")
+        raise no_archive(place)
     with FolderLock(data):
         found = version_of(place)
         if found == SCHEMA_VERSION:

@@ -16,6 +16,10 @@ Out = Annotated[Path | None, typer.Option(help="Folder to write to; report-NAME 
 Json = Annotated[bool, typer.Option("--json", help="Print the tables as JSON, and write nothing.")]
 
 
+class ReportError(RuntimeError):
+    """A place that no report can be written to."""
+
+
 def report(
     campaign: Campaign,
     data: Data = user_data_path("coastarc"),
@@ -31,7 +35,13 @@ def report(
     if as_json:
         typer.echo(json.dumps(tables_as_json(facts), indent=2, allow_nan=False))
         return
-    path = write_report(facts, out or Path(folder_name(facts.name)))
+    folder = out or Path(folder_name(facts.name))
+    try:
+        path = write_report(facts, folder)
+    except OSError as error:
+        raise ReportError(
+            f"report {folder}: expected a folder to write in, got {error.strerror}; name another with --out"
+        ) from error
     typer.echo(f"Report: {path.resolve()}")
 
 

@@ -22,6 +22,7 @@ from rich.console import Console
 from core.faults import fault_lines
 from service import terminal
 from service.api.identity_schemas import NewToken, TokenPage, TokenRequest, TokenView
+from service.db.errors import unusable
 from service.lock import FolderLock, LockError
 from service.rights import Role
 from service.settings import Settings
@@ -44,7 +45,7 @@ class TokenError(RuntimeError):
 def create(
     name: Annotated[str, typer.Argument(help="Name that the audit will show.")],
     role: Annotated[Role, typer.Option(help="What it is for.")] = Role.VIEWER,
-    days: Annotated[float, typer.Option(help="After which it ends.")] = 90.0,
+    days: Annotated[float, typer.Option(help="For how long it is valid.")] = 90.0,
     out: Out = None,
     data: Data = DATA,
     url: Url = None,
@@ -108,7 +109,10 @@ def revoke(
 
 @contextmanager
 def _archive(data: Path) -> Iterator[Store]:
-    data.mkdir(parents=True, exist_ok=True)
+    try:
+        data.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise unusable(data, str(error.strerror)) from error
     try:
         lock = FolderLock(data).__enter__()
     except LockError as error:

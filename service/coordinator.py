@@ -60,6 +60,11 @@ def open_port(host: str, port: int) -> socket.socket:
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((host, port))
+    except socket.gaierror as error:
+        listener.close()
+        raise CoordinatorError(
+            f"host {host}: expected an address of this machine, got {error.strerror}; use --host"
+        ) from error
     except OSError as error:
         listener.close()
         raise CoordinatorError(

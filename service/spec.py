@@ -11,14 +11,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import BeforeValidator, Field, StrictInt, ValidationError, model_validator
 
-from core.problem import (
-    Problem,
-    ProblemError,
-    content_hash,
-    problem_from,
-    validation_message,
-    with_local_files,
-)
+from core.problem import Problem, ProblemError, beside, content_hash, problem_from, validation_message
 from core.search import expand_mapping
 from service.scheduler.pairing import first_pair, require_seedable
 from service.search_spec import SHARING, Name, Priority, SearchSpec, Strict
@@ -195,10 +188,12 @@ def load_spec(path: Path) -> Spec:
     try:
         text = path.read_text(encoding="utf-8")
         fields = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
-    except (OSError, UnicodeDecodeError, ValueError) as error:
-        raise SpecError(f"spec: expected a readable .toml or .json file, got {path}: {error}") from error
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise SpecError(f"spec: expected a readable .toml or .json file, got {path}: {reason}") from error
     if isinstance(fields, dict) and "problem" in fields:
-        fields["problem"] = with_local_files(fields.get("problem"), path.parent)
+        # Whoever reads the archive later, in another folder, has to find the target too.
+        fields["problem"] = beside(fields["problem"], path.parent)
     return spec_from(fields, allow_files=True)
 
 

@@ -29,9 +29,7 @@ class ChainPlan:
     def __post_init__(self) -> None:
         """Put the cases in order, and refuse what cannot be run."""
         _check_seeds(self.seeds)
-        for mapping in self.mappings:
-            if mapping not in MAPPINGS:
-                raise ValueError(f"mapping: expected one of {', '.join(MAPPINGS)}, got {mapping!r}")
+        check_mappings(self.mappings)
         object.__setattr__(self, "cases", tuple(in_order(list(self.cases))))
         for case in self.cases:
             self.problem(case)
@@ -44,6 +42,13 @@ class ChainPlan:
     def problem(self, case: Case) -> Problem:
         """Return P_k of a case."""
         return case.problem(self.reference, self.duration_days)
+
+
+def check_mappings(mappings: tuple[str, ...]) -> None:
+    """Refuse what is no mapping's name."""
+    for mapping in mappings:
+        if mapping not in MAPPINGS:
+            raise ValueError(f"mapping: expected one of {', '.join(MAPPINGS)}, got {mapping!r}")
 
 
 def _check_seeds(seeds: tuple[Solution, ...]) -> None:

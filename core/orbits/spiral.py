@@ -105,7 +105,8 @@ def _end_of_spiral(departure: SpiralDeparture, spacecraft: Spacecraft) -> Depart
     if not (arc.success and is_at_end):
         raise SpiralError(
             f"spiral: expected {_goal(departure)} before the propellant is spent, "
-            f"got an end at {calendar_epoch(start_et + t * TU_S)}: {arc.message}"
+            f"got an end at {calendar_epoch(start_et + t * TU_S)}: "
+            f"{'the tanks are empty' if arc.success else arc.message}"
         )
     return DepartureState(start_et + t * TU_S, y[:3] * LU_KM, y[3:6] * VU_KM_S, float(y[6]) * MU_KG)
 

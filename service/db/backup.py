@@ -12,7 +12,7 @@ from sqlalchemy import Connection, insert, select
 
 from service.db import postgres, sqlite_file
 from service.db.dialect import create_tables, go_on_counting, is_empty
-from service.db.errors import DatabaseError
+from service.db.errors import DatabaseError, no_archive
 from service.db.place import Place, shown
 from service.db.tables import SCHEMA_VERSION, Base
 from service.db.upgrade import version_of
@@ -27,7 +27,7 @@ def backup(place: Place, file: Path) -> None:
         raise DatabaseError(f"backup {file}: expected a new file, got one that exists; name another")
     if isinstance(place, Path):
         if not sqlite_file.is_file(place):
-            raise DatabaseError(f"archive: expected a file, got {place}, which is none; run a campaign first")
+            raise no_archive(place)
         _appear(file, lambda target: _vacuum(place, target))
     else:
         _require_version(place)

@@ -7,7 +7,7 @@ from sqlalchemy import Connection, func, select
 
 from service.db import postgres, sqlite_file
 from service.db.dialect import read_version
-from service.db.errors import DatabaseError
+from service.db.errors import no_archive
 from service.db.place import Place, shown
 from service.db.recount import TALLIES
 from service.db.tables import SCHEMA_VERSION, Base, JobRow, SearchRow, SolveRow
@@ -22,7 +22,7 @@ def check(place: Place) -> list[Check]:
     """Return all checks of an archive; those of its content are left out where its tables are others."""
     if isinstance(place, Path):
         if not sqlite_file.is_file(place):
-            raise DatabaseError(f"archive: expected a file, got {place}, which is none; run a campaign first")
+            raise no_archive(place)
         whole = _integrity(place)
         if whole.state == "failed":
             return [whole]

@@ -18,7 +18,7 @@ from sqlalchemy.orm import Session
 
 from service.db import postgres, sqlite_file
 from service.db.dialect import create_tables, is_empty, read_version
-from service.db.errors import DatabaseError, WriteFault, unusable, write_fault
+from service.db.errors import DatabaseError, WriteFault, no_archive, unusable, write_fault
 from service.db.place import Place, shown
 from service.db.tables import SCHEMA_VERSION
 from service.db.write_times import WriteTimes
@@ -128,7 +128,7 @@ def _got(version: int | None) -> str:
 def _require_usable(path: Path, read_only: bool) -> None:
     """Refuse a file that is not there or not whole, and a place where none would stay so."""
     if read_only and not sqlite_file.is_file(path):
-        raise DatabaseError(f"archive: expected a file, got {path}, which is none; run a campaign first")
+        raise no_archive(path)
     sqlite_file.require_local(path)
     if read_only or not sqlite_file.was_left_open(path):
         return

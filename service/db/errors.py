@@ -25,6 +25,14 @@ def unusable(place: Path | str, reason: object) -> DatabaseError:
     )
 
 
+def no_archive(place: Path) -> DatabaseError:
+    """Return the error of a place where an archive was expected and none is."""
+    return DatabaseError(
+        f"archive: expected a file, got {place}, which is none; run a campaign first, or name its folder "
+        "with --data"
+    )
+
+
 #: SQLite's primary codes of faults outside of our program, with what helps.
 SQLITE_FAULTS = {
     5: ("to be the only writer", "stop the other program"),  # BUSY

@@ -14,7 +14,7 @@ class StoreError(RuntimeError):
 
 
 class UnknownRow(StoreError):
-    """No row has this id."""
+    """No row has this id, or no row this id or name."""
 
     def __init__(self, noun: str, key: object, found: str = "none with this id") -> None:
         super().__init__(f"{noun} {key}: expected one that exists, got {found}")

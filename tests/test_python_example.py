@@ -1,15 +1,14 @@
-"""The example of the README, run as a reader runs it."""
+"""The example of docs/python.md, run as a reader runs it."""
 
 import re
 import subprocess
 import sys
-from pathlib import Path
 
-README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+from tests.pages import ROOT, blocks_of
 
 
 def test_the_python_example_finds_a_transfer_and_a_robust_one(tmp_path):
-    (block,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    block = blocks_of(ROOT / "docs" / "python.md", "python")[0]
     (tmp_path / "example.py").write_text(block, encoding="utf-8")
     ran = subprocess.run(
         [sys.executable, "example.py"], cwd=tmp_path, capture_output=True, text=True, timeout=300
