@@ -1,7 +1,9 @@
 """The paper's motivating example, run for real: what it must cost, and that another integrator agrees."""
 
 import json
+import re
 from datetime import datetime
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
@@ -59,6 +61,17 @@ def test_the_spiral_is_counted_as_in_the_papers_totals(example):
     side = example.view.nominal
     assert side.propellant_total_kg - side.propellant_kg == pytest.approx(15000.0 - 13276.044, abs=1e-3)
     assert side.flight_days - side.transfer_days == pytest.approx(176.617, abs=1e-3)  # printed so far
+
+
+def test_the_page_about_it_says_what_comes_out(example):
+    text = (Path(__file__).parents[2] / "docs" / "missed-thrust.md").read_text(encoding="utf-8")
+    found = example.view
+    told = re.search(r"\| ([\d ]+\.\d) kg \| ([\d ]+\.\d) kg \| \+(\d\.\d) kg", text).groups()
+    nominal, recovered, change = (float(number.replace(" ", "")) for number in told)
+    # Rounded to 0.1 kg; optima of another processor agree to grams.
+    assert nominal == pytest.approx(found.nominal.propellant_total_kg, abs=0.06)
+    assert recovered == pytest.approx(found.recovered.propellant_total_kg, abs=0.06)
+    assert change == pytest.approx(found.propellant_change_kg, abs=0.06)
 
 
 def test_it_prints_a_table_and_draws_a_figure(example, coastarc, tmp_path):
