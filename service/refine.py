@@ -62,9 +62,7 @@ def refinement_spec(store: Store, record: RecordInFull, n_segments: int, limits:
         "outages": outages,
         "mapping": REFINED,
         "seeds": {
-            "from": record.search,
-            "campaign": str(record.campaign_id),
-            "only": [record.id],
+            "solution": record.id,
             "tolerance": "strict" if record.strict else "paper",
         },
     }

@@ -49,7 +49,6 @@ Count = Annotated[StrictInt, Field(ge=1, le=10_000_000)]
 SHARING = ("weight", "priority")
 Weight = Annotated[float, Field(ge=1e-3, le=1e6)]
 Priority = Annotated[StrictInt, Field(ge=-1_000_000, le=1_000_000)]
-SolutionId = Annotated[str, shaped(r"[0-9a-f]{32}", "32 hexadecimal digits")]
 Segments = Annotated[tuple[Annotated[StrictInt, Field(ge=1)], ...], Field(max_length=2000)]
 
 
@@ -98,8 +97,6 @@ class Seeds(Strict):
     tolerance: Literal["strict", "paper"] = "strict"
     #: Whether seeds may come from outages of another duration.
     any_duration: bool = False
-    #: These solutions alone, by their ids; the source need not have ended.
-    only: Annotated[tuple[SolutionId, ...], Field(min_length=1, max_length=1000)] | None = None
 
     @property
     def full_name(self) -> str:
@@ -190,13 +187,8 @@ class SearchSpec(Strict):
     def is_immediate(self) -> bool:
         """Whether each new seed is mapped at once, since the jobs do not depend on who comes first."""
         seeds = self.seeds
-        chooses = seeds is None or seeds.order is not None or seeds.limit is not None or self.names_seeds
+        chooses = seeds is None or seeds.order is not None or seeds.limit is not None
         return not chooses and self.guesses is None and seeds is not None and seeds.pairing != "round-robin"
-
-    @property
-    def names_seeds(self) -> bool:
-        """Whether its seeds are named one by one, so that nothing is waited for."""
-        return self.seeds is not None and self.seeds.only is not None
 
     @property
     def is_refinement(self) -> bool:
@@ -252,8 +244,6 @@ class SearchSpec(Strict):
             )
         if self.is_refinement:
             return self._refined_rightly()
-        if self.seeds is not None and self.names_seeds and self.seeds.campaign is None:
-            raise ValueError("seeds.only: expected beside seeds.campaign, got it without")
         if self.seed_k is not None and (self.seed_k > self.k or self.seed_k == self.k == 0):
             raise ValueError(f"strategy: expected k' < k, or k' = k for longer outages, got {self.strategy}")
         return self
@@ -264,8 +254,8 @@ class SearchSpec(Strict):
                 f"mapping: expected {REFINED} alone and k' = k, "
                 f"got {', '.join(self.mapping)} for {self.strategy}"
             )
-        if not self.names_seeds or self.seeds is None or self.seeds.campaign is None:
-            raise ValueError(f"seeds: expected campaign and only for the mapping {REFINED}, got none of them")
+        if self.seeds is None or self.seeds.solution is None:
+            raise ValueError(f"seeds.solution: expected one for the mapping {REFINED}, got none")
         return self
 
     @model_validator(mode="after")

@@ -139,8 +139,6 @@ class Spec(Strict):
         """Identity of the specification: what finds the same is the same campaign."""
         left_out: Any = {"problem": True, "campaign": {"priority"}, "search": self._without_effect()}
         whole = self.model_dump(mode="json", by_alias=True, exclude=left_out)
-        for fields in whole["search"]:
-            _drop_newer(fields)
         return content_hash({"problem": self.problem.hash} | whole)
 
     def _without_effect(self) -> dict[int, Any]:
@@ -155,17 +153,9 @@ class Spec(Strict):
                 left_out[position]["reference"] = True
             if search.integrator_tolerance is None:
                 left_out[position]["integrator_tolerance"] = True
-            if search.seeds is not None:
-                later = ("solution", "only")
-                left_out[position]["seeds"] = {name for name in later if getattr(search.seeds, name) is None}
+            if search.seeds is not None and search.seeds.solution is None:
+                left_out[position]["seeds"] = {"solution"}
         return left_out
-
-
-def _drop_newer(search: dict[str, Any]) -> None:
-    """Drop what searches could not say at first and do not, so that old campaigns keep their identity."""
-    for fields, name in ((search, "integrator_tolerance"), (search["seeds"] or {}, "only")):
-        if fields.get(name) is None:
-            fields.pop(name, None)
 
 
 def spec_from(fields: Any, *, allow_files: bool = False) -> Spec:

@@ -61,8 +61,6 @@ def require_seedable(search: SearchSpec, source: SearchSpec) -> None:
             f"{about}: expected a search of S({search.seed_k}...) for {search.strategy}, got {source.id!r}, "
             f"which is {source.strategy}"
         )
-    if search.is_refinement:
-        return
     if first_pair(search, source) is None:
         wanted = (
             "the same segments and longer outages" if search.k == source.k else "a case that holds its own"

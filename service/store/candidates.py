@@ -7,6 +7,7 @@ from sqlalchemy.orm import Session
 
 from core.analysis.distinct import features
 from core.problem import Problem, problem_from
+from core.search import refined_problem
 from service.db.tables import CampaignRow, JobRow, SearchRow, SolutionRow, SolveRow
 from service.scheduler.plan import Candidate
 from service.search_spec import SearchSpec
@@ -14,7 +15,6 @@ from service.spec import SpecError
 from service.store.specs import definition_of, search_spec, spec_of
 from service.store.tallies import n_solutions, tallies
 
-Cases = tuple[tuple[tuple[int, float], ...], ...]
 #: Rows that are fetched at once where not all may be needed.
 STEP = 200
 
@@ -32,13 +32,9 @@ def candidates(
     source = session.get_one(SearchRow, row.source_id)
     source_spec = search_spec(session.get_one(CampaignRow, source.campaign_id), source)
     query = _query(source, source_spec, search, most is not None)
-    if search.seeds.only is not None:
-        query = query.where(SolutionRow.id.in_(search.seeds.only))
     is_ordered = search.seeds.order in (None, "delta_v")
     problem = spec_of(campaign).problem
     cases = source_spec.outage_sets
-    if search.is_refinement:
-        cases = _cut_finer(cases, problem, spec_of(session.get_one(CampaignRow, source.campaign_id)).problem)
     found: dict[str, Candidate] = {}
     for key, case, chain, hop, delta_v, time_of_flight, x in session.execute(
         query.execution_options(yield_per=STEP)
@@ -51,17 +47,9 @@ def candidates(
     return list(found.values())
 
 
-def _cut_finer(cases: Cases, problem: Problem, coarser: Problem) -> Cases:
-    """Return the cases of a coarser problem in the segments of a finer one."""
-    factor = problem.n_segments // coarser.n_segments
-    return tuple(tuple((factor * (segment - 1) + 1, days) for segment, days in case) for case in cases)
-
-
 def n_candidates(session: Session, row: SearchRow, search: SearchSpec) -> int:
     """Return how many candidates there are."""
     assert search.seeds is not None
-    if search.seeds.only is not None:
-        return len(search.seeds.only)
     if search.seeds.solution is not None:
         return 1
     counted = tallies(session, SearchRow.id == row.source_id).get(row.source_id or 0, {})
@@ -76,6 +64,8 @@ def _named(session: Session, campaign: CampaignRow, search: SearchSpec, solution
     if row is None:
         raise SpecError(f"{about}: expected a solution of this archive, got {solution_id}")
     problem = problem_from(definition_of(session, row.problem_hash))
+    if search.is_refinement:
+        problem = _cut_finer(problem, spec_of(campaign).problem.n_segments, about)
     if problem.family != spec_of(campaign).problem.hash:
         raise SpecError(f"{about}: expected one of the same reference problem, got that of another")
     if search.seeds and search.seeds.tolerance == "strict" and not row.strict:
@@ -86,6 +76,13 @@ def _named(session: Session, campaign: CampaignRow, search: SearchSpec, solution
     outages = problem.outages if search.seed_k else ()
     case = tuple((outage.segment, outage.duration_days) for outage in outages)
     return Candidate(row.id, (0, row.id, 0), case, row.delta_v_km_s, row.time_of_flight_days)
+
+
+def _cut_finer(problem: Problem, n_segments: int, about: str) -> Problem:
+    try:
+        return refined_problem(problem, n_segments)
+    except ValueError as error:
+        raise SpecError(f"{about}: {error}") from error
 
 
 def _query(source: SearchRow, source_spec: SearchSpec, search: SearchSpec, is_cut: bool) -> Select[Any]:

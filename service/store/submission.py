@@ -26,7 +26,6 @@ from service.store.errors import KeyReused
 from service.store.events import note, note_search
 from service.store.find import find_campaign
 from service.store.held import Worked
-from service.store.named_seeds import require_all, require_coarser
 from service.store.specs import search_spec, spec_of
 
 _JOB = plain(JobRow).c
@@ -114,18 +113,16 @@ def _take_known_seeds(session: Session, campaign: CampaignRow, now: float) -> No
         if search.seeds is None or (search.seeds.campaign is None and search.seeds.solution is None):
             continue
         known = candidates(session, campaign, row, search)
-        if search.names_seeds:
-            jobs = plan.jobs_of_seeds(spec, search, known)
-            require_all(search, known, jobs)
-            add_jobs(session, search, row, jobs, now)
-            continue
         source = row.source_id and session.get_one(SearchRow, row.source_id)
         if not known and source and source.state in ENDED:
             about = f"search {search.id}: seeds.from: expected {search.seeds.tolerance} solutions"
             raise SpecError(f"{about}, got none from {search.seeds.full_name}, which has ended")
         if search.is_immediate:
-            for seed in known:
-                add_jobs(session, search, row, plan.map_jobs(spec, search, seed), now)
+            jobs = [job for seed in known for job in plan.map_jobs(spec, search, seed)]
+            if search.seeds.solution is not None and not jobs:
+                about = f"search {search.id}: seeds.solution: expected one that fits its outages"
+                raise SpecError(f"{about}, got {search.seeds.solution}")
+            add_jobs(session, search, row, jobs, now)
 
 
 def _source_id(session: Session, spec: Spec, search: SearchSpec, ids: dict[str, int]) -> int | None:
@@ -139,10 +136,7 @@ def _source_id(session: Session, spec: Spec, search: SearchSpec, ids: dict[str, 
     about = f"search {search.id}: seeds.from"
     if row is None:
         raise SpecError(f"{about}: expected a search of campaign {other.name}, got {search.seeds.source!r}")
-    problem = spec_of(other).problem
-    if search.is_refinement:
-        require_coarser(problem, spec.problem, about)
-    elif problem.hash != spec.problem.hash:
+    if spec_of(other).problem.hash != spec.problem.hash:
         raise SpecError(
             f"{about}: expected the same reference problem, got another one in campaign {other.name}"
         )
@@ -238,7 +232,6 @@ def _advance_search(
     session: Session, campaign: CampaignRow, row: SearchRow, source_has_ended: bool, now: float
 ) -> None:
     search = search_spec(campaign, row)
-    source_has_ended |= search.names_seeds
     progress = progress_of(session, search, row, source_has_ended)
     if plan.is_exhausted(search, progress) and progress.n_queued:
         queued = (JobRow.search_id == row.id) & (JobRow.state == "queued")
@@ -269,7 +262,7 @@ def _chosen_seeds(
 ) -> list[PlannedJob]:
     """Return the map jobs of a search that chooses among the seeds when they are complete."""
     search = search_spec(campaign, row)
-    if search.seeds is None or search.is_immediate or search.names_seeds or not progress.source_has_ended:
+    if search.seeds is None or search.is_immediate or not progress.source_has_ended:
         return []
     is_first = row.state == "waiting" or (row.state == "paused" and not row.n_planned)
     if not is_first:

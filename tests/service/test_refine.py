@@ -104,11 +104,17 @@ def changed(archive, k=1, problem=None, seeds=None, **search):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"outages": [{"segment": 48, "duration_days": 1.0}]}, "expected solutions that fit its outages"),
+        (
+            {"outages": [{"segment": 48, "duration_days": 1.0}]},
+            "expected one that fits its outages",
+        ),
         ({"problem": {"n_segments": 120}}, "multiple of 50"),
-        ({"problem": {"bounds": {"final_coast_days": [0, 20]}}}, "in its number of segments alone"),
-        ({"seeds": {"only": ["0" * 32]}}, "seeds.only: expected strict solutions of 1/s1-0, got 0000"),
-        ({"seeds": {"campaign": None}}, "expected campaign and only for the mapping refined"),
+        (
+            {"problem": {"bounds": {"final_coast_days": [0, 20]}}},
+            "expected one of the same reference problem",
+        ),
+        ({"seeds": {"solution": "0" * 32}}, "seeds.solution: expected a solution of this archive, got 0000"),
+        ({"seeds": {"solution": None, "from": "s1"}}, "seeds.solution: expected one for the mapping refined"),
         (
             {"mapping": ["refined", "aligned"]},
             "expected refined alone and k' = k, got refined, aligned for S",
