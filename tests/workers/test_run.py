@@ -28,8 +28,10 @@ class Numerics:
         self.outcomes = list(outcomes)
         self.guesses, self.settings, self.n_verified = [], [], 0
         self.verdict = verdict
-        monkeypatch.setattr(run, "prepared", lambda definition, n_legs: (run.problem_from(definition), None))
-        monkeypatch.setattr(run, "warmed", lambda definition, n_legs: run.problem_from(definition))
+        monkeypatch.setattr(
+            run, "prepared", lambda definition, settings: (run.problem_from(definition), None)
+        )
+        monkeypatch.setattr(run, "warmed", lambda definition, settings: run.problem_from(definition))
         monkeypatch.setattr(run, "Chain", lambda *laws: self)
         monkeypatch.setattr(run.core, "solve", self.solve, raising=False)
         monkeypatch.setattr(run, "solve_seed", self.solve_seed)
@@ -51,8 +53,8 @@ class Numerics:
             raise found
         return found
 
-    def solve_seed(self, problem, x, other, mapping, settings, stop, n_legs):
-        self.n_legs = n_legs
+    def solve_seed(self, problem, x, other, mapping, settings, stop, n_legs, tolerance):
+        self.form = (n_legs, tolerance)
         return self.solve(None, x, settings, stop)
 
     def verify(self, problem, x):
@@ -126,10 +128,10 @@ def test_a_map_job_solves_its_seed_once(monkeypatch):
         seed_problem=problem,
         seed_x=(1.0, 2.0),
         mapping="reference",
-        settings=Settings(n_legs=17),
+        settings=Settings(n_legs=17, integrator_tolerance=1e-11),
     )
     (solve,) = run.run_job(job).solves
-    assert numerics.n_legs == 17
+    assert numerics.form == (17, 1e-11)
     assert solve.rng_key == "3/1/1/0/255/0" and solve.move is None and solve.ending is Ending.FEASIBLE
 
 
