@@ -55,4 +55,3 @@ def import_campaign(
     else:
         news = "nothing is new, all of it was there"
     console.print(f"Campaign {taken.campaign_id}: {news}.", highlight=False, markup=False)
-

@@ -188,9 +188,7 @@ def test_a_command_of_the_documents_is_one_of_the_program(words):
 def test_the_toml_of_the_documents_is_a_problem(tmp_path):
     (block,) = re.findall(r"```toml\n(.*?)```", DOCS, re.DOTALL)
     (tmp_path / "problem.toml").write_text(block)
-    with pytest.raises(
-        ProblemError, match=r"problem\.target: expected an SPK file, got .*station\.bsp"
-    ):
+    with pytest.raises(ProblemError, match=r"problem\.target: expected an SPK file, got .*station\.bsp"):
         load_problem(tmp_path / "problem.toml")
     (tmp_path / "station.bsp").write_bytes(b"orbit")
     assert load_problem(tmp_path / "problem.toml").target.naif_id == -60000
