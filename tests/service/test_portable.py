@@ -8,14 +8,17 @@ import pytest
 
 from service.db.check import check
 from service.db.place import place_of
+from service.db.tables import Base
 from service.new_file import FileError, write_new
 from service.portable import container
 from service.portable.container import Unpacked
 from service.portable.errors import PortableError
 from service.portable.files import packed, pieces, take_in_file
+from service.portable.lines import CampaignLine, ProvenanceLine, SearchLine
 from service.spec import spec_from
 from service.store import Store
 from service.store.filter import Filter
+from service.store.portable_rows import ATTEMPT_COLUMNS, JOB_COLUMNS, SOLUTION_COLUMNS, SOLVE_COLUMNS
 from tests.acceptance import known
 from tests.service.campaigns import finish, spec_fields, submitted
 from tests.service.databases import needs_postgres, rows
@@ -340,6 +343,37 @@ def test_the_same_campaign_with_other_work_is_refused(files, store):
 
 
 # What is exported.
+
+#: Columns that lines have under their own names, and those that follow from others or are of one archive.
+TAKEN = {
+    "campaign": CampaignLine.model_fields,
+    "search": SearchLine.model_fields,
+    "job": JOB_COLUMNS,
+    "attempt": ATTEMPT_COLUMNS,
+    "solve": SOLVE_COLUMNS,
+    "solution": SOLUTION_COLUMNS,
+    "provenance": ProvenanceLine.model_fields,
+}
+OTHERWISE = {
+    "campaign": {"id", "name", "rng_seed"},
+    "search": {"id", "campaign_id", "position", "strategy", "source_id", "served_s"}
+    | {"n_planned", "n_solves", "cpu_seconds"},
+    "job": {"id", "search_id", "case_index", "seed_id", "not_before", "lease_until", "is_cancelling"},
+    "attempt": {"job_id", "provenance_hash"},
+    "solve": {"id", "job_id", "search_id", "defects", "solution_id", "final_mass_kg"},
+    "solution": {"problem_hash", "x", "defects", "created_at"},
+    "provenance": set(),
+}
+#: Tables that follow from these, or that stay behind.
+FOLLOW = {"problem", "search_case", "seed_link", "tally"}
+STAY = {"event", "worker", "submission", "token", "session", "audit", "certificate"}
+
+
+def test_no_table_and_no_column_is_forgotten():
+    tables = {name: {column.name for column in t.columns} for name, t in Base.metadata.tables.items()}
+    assert set(tables) - FOLLOW - STAY == set(TAKEN)
+    for name, columns in OTHERWISE.items():
+        assert tables[name] == columns | (set(TAKEN[name]) & tables[name]), name
 
 
 def test_a_campaign_at_work_is_paused_first_and_goes_on_elsewhere(origin, store, tmp_path):
