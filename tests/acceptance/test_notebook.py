@@ -32,7 +32,8 @@ def executed(tmp_path_factory):
     copy = tmp_path_factory.mktemp("notebook") / NOTEBOOK.name
     copy.write_bytes(NOTEBOOK.read_bytes())
     # In a process of its own, since Jupyter's warnings are no business of ours.
-    command = [sys.executable, "-m", "nbclient.cli", "--inplace", "--timeout=240", str(copy)]
+    program = Path(sys.executable).with_name("jupyter-execute")
+    command = [str(program), "--inplace", "--timeout=240", str(copy)]
     folders = {name: str(copy.parent) for name in ("IPYTHONDIR", "JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR")}
     ran = subprocess.run(
         command,
