@@ -46,7 +46,7 @@ def differences(stated: dict[str, Any], found: dict[str, Any]) -> list[str]:
         for name in ("problem", "solution", "strict", "failure", "arrival_epochs_tdb")
         if stated.get(name) != found[name]
     ]
-    masses = stated.get("final_mass_kg"), found["final_mass_kg"]
-    if np.shape(masses[0]) != np.shape(masses[1]) or not np.allclose(*masses, rtol=0.0, atol=MASS_KG):
-        faults.append(f"final_mass_kg: {masses[0]} stated, {masses[1]} found")
+    masses, flown = (np.array(one.get("final_mass_kg", ()), dtype=float) for one in (stated, found))
+    if masses.shape != flown.shape or not np.allclose(masses, flown, rtol=0.0, atol=MASS_KG):
+        faults.append(f"final_mass_kg: {masses.tolist()} stated, {flown.tolist()} found")
     return faults

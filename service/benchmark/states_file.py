@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 SAMPLES_PER_RADIAN = 2.0
 #: How far the end of an arc may be from a flight that begins where it does: samples are for drawing and for
 #: starting from, and are flown more coarsely than what is verified [km, km/s, kg].
-POSITION_KM, VELOCITY_KM_S, MASS_KG = 0.5, 1e-3, 1e-6
+POSITION_KM, VELOCITY_KM_S, MASS_KG = 0.1, 1e-4, 1e-6
 
 STATE = ("x_km", "y_km", "z_km", "vx_km_s", "vy_km_s", "vz_km_s", "mass_kg")
 CONTROL = ("throttle", "in_plane_rad", "out_of_plane_rad")

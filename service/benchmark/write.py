@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from core.analysis.flight import fly
 from core.constants import KERNEL_MD5
+from core.export import csv_lines, export_states
 from core.orbits import target_kernel
 from core.problem import problem_from
-from service.api.solution_files import state_lines, vector_lines
+from service.api.solution_files import vector_lines
 from service.benchmark.benchmark_set import (
     CERTIFICATE_FILE,
     CONSTANTS,
@@ -30,8 +30,7 @@ from service.benchmark.benchmark_set import (
 )
 from service.benchmark.certificate import certified
 from service.benchmark.check import problem_mass
-from service.benchmark.states_file import SAMPLES_PER_RADIAN
-from service.store.archive import solution_hash
+from service.solution_hash import solution_hash
 from service.toml_text import toml_text
 from workers.bench_seeds import Solution
 
@@ -74,7 +73,7 @@ def _write_case(folder: Path, solution: Solution, naif_id: int) -> dict[str, Any
     texts = {
         PROBLEM_FILE: [toml_text({"problem": fields})],
         VECTOR_FILE: vector_lines(own, problem, x),
-        STATES_FILE: state_lines(own, problem, fly(problem, x, SAMPLES_PER_RADIAN)),
+        STATES_FILE: csv_lines(export_states(problem, x), (f"solution {own} of problem {problem.hash}",)),
         CERTIFICATE_FILE: [json.dumps(certificate, indent=1) + "\n"],
     }
     for file, lines in texts.items():

@@ -24,11 +24,13 @@ from workers.job import HopJob
 
 _SEED: BindParameter[str] = bindparam("seed")
 _FINDERS = select(SolveRow.search_id).where(SolveRow.solution_id == _SEED)
-#: The cases of the searches that take the seeds of those that found a solution.
+#: Searches that name one seed by itself: S(k|k') with no source.
+_NAMES_A_SEED = SearchRow.source_id.is_(None) & SearchRow.strategy.contains("|")
+#: The cases of the searches that take the seeds of those that found a solution, or a seed by its name.
 _FED = (
     select(CaseRow.search_id, CaseRow.position)
     .join(SearchRow, SearchRow.id == CaseRow.search_id)
-    .where(SearchRow.source_id.in_(_FINDERS))
+    .where(SearchRow.source_id.in_(_FINDERS) | _NAMES_A_SEED)
 )
 # The jobs of a seed are found by their addresses, whose chain is the seed: every part of the unique index is
 # given, so that no other job is looked at, and an index on seeds is not needed.

@@ -3,6 +3,7 @@
 import copy
 import json
 import pickle
+import re
 from pathlib import Path
 
 import numpy as np
@@ -132,3 +133,10 @@ def test_two_optimizers_of_pygmo_agree_on_the_optimum_near_a_point_that_does_not
         masses.append(found.final_mass_kg[0])
     assert masses[0] == pytest.approx(masses[1], abs=0.01)
     assert min(masses) > solution()[-1] - 0.01
+
+
+def test_the_example_of_the_page_runs(capsys):
+    page = Path(__file__).parents[3] / "docs" / "interoperability.md"
+    (block,) = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    exec(compile(block, str(page), "exec"), {})
+    assert capsys.readouterr().out == "154 7 False\n"
