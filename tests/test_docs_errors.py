@@ -1,6 +1,7 @@
 """Messages that docs/troubleshooting.md quotes, against the messages of the source."""
 
 import ast
+import functools
 import re
 
 import pytest
@@ -22,6 +23,7 @@ def pattern_of(node):
     return "".join(".*?" if text is None else re.escape(text) for text in texts), len(own)
 
 
+@functools.cache
 def patterns():
     """Return the patterns of all texts of the source that say what was expected."""
     found = set()
