@@ -97,7 +97,9 @@ def trajectory_name(index: int) -> str:
     return f"realization {index}" if index else "reference"
 
 
-def export_states(problem: Problem, x: Array) -> tuple[ExportedTrajectory, ...]:
+def export_states(
+    problem: Problem, x: Array, samples_per_radian: float = SAMPLES_PER_RADIAN
+) -> tuple[ExportedTrajectory, ...]:
     """Return the reference and every realization as states, dense enough to be interpolated.
 
     Parameters
@@ -106,6 +108,8 @@ def export_states(problem: Problem, x: Array) -> tuple[ExportedTrajectory, ...]:
         P_k.
     x : (n_variables,) array
         Decision vector [days, rad, kg].
+    samples_per_radian : float
+        Of the local circular orbit [1/rad]; fewer than the default are not to be interpolated.
 
     Returns
     -------
@@ -119,7 +123,7 @@ def export_states(problem: Problem, x: Array) -> tuple[ExportedTrajectory, ...]:
     ValueError
         When x has another shape or is not finite.
     """
-    flight = fly(problem, x, SAMPLES_PER_RADIAN, TOLERANCE)
+    flight = fly(problem, x, samples_per_radian, TOLERANCE)
     departure_et = float(departure_state(problem.departure, problem.spacecraft).et)
     max_thrust_n = problem.spacecraft.max_thrust_n
     whole = [_arcs(i, flown, departure_et, max_thrust_n) for i, flown in enumerate(flight.trajectories)]

@@ -30,6 +30,7 @@ from service.benchmark.benchmark_set import (
 )
 from service.benchmark.certificate import certified
 from service.benchmark.check import problem_mass
+from service.benchmark.states_file import SAMPLES_PER_RADIAN
 from service.solution_hash import solution_hash
 from service.toml_text import toml_text
 from workers.bench_seeds import Solution
@@ -73,7 +74,9 @@ def _write_case(folder: Path, solution: Solution, naif_id: int) -> dict[str, Any
     texts = {
         PROBLEM_FILE: [toml_text({"problem": fields})],
         VECTOR_FILE: vector_lines(own, problem, x),
-        STATES_FILE: csv_lines(export_states(problem, x), (f"solution {own} of problem {problem.hash}",)),
+        STATES_FILE: csv_lines(
+            export_states(problem, x, SAMPLES_PER_RADIAN), (f"solution {own} of problem {problem.hash}",)
+        ),
         CERTIFICATE_FILE: [json.dumps(certificate, indent=1) + "\n"],
     }
     for file, lines in texts.items():
