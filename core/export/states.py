@@ -159,10 +159,9 @@ def _arc(
     index: int, arc: Arc, flown: FlownTrajectory, et: Array, states: Array, max_thrust_n: float
 ) -> ExportedArc:
     if arc.stop - arc.first >= MAX_SAMPLES:
-        turns = MAX_SAMPLES / SAMPLES_PER_RADIAN / (2 * np.pi)
         raise ExportError(
-            f"{trajectory_name(index)}: expected arcs of less than {turns:.0f} revolutions, got a {arc.kind} "
-            f"that has more"
+            f"{trajectory_name(index)}: expected arcs of less than {MAX_SAMPLES} samples, got a {arc.kind} "
+            f"with too many revolutions"
         )
     own = slice(arc.first, arc.stop)
     azimuth, elevation = arc.in_plane_rad, arc.out_of_plane_rad

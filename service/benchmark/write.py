@@ -71,6 +71,7 @@ def _write_case(folder: Path, solution: Solution, naif_id: int) -> dict[str, Any
     if not certificate["strict"]:
         raise BenchmarkError(f"solutions: expected strict ones, got one of P_{problem.k} that is not")
     (folder / name).mkdir()
+    states = export_states(problem, x, SAMPLES_PER_RADIAN)
     texts = {
         PROBLEM_FILE: [toml_text({"problem": fields})],
         VECTOR_FILE: vector_lines(own, problem, x),
