@@ -75,9 +75,7 @@ def _write_case(folder: Path, solution: Solution, naif_id: int) -> dict[str, Any
     texts = {
         PROBLEM_FILE: [toml_text({"problem": fields})],
         VECTOR_FILE: vector_lines(own, problem, x),
-        STATES_FILE: csv_lines(
-            export_states(problem, x, SAMPLES_PER_RADIAN), (f"solution {own} of problem {problem.hash}",)
-        ),
+        STATES_FILE: csv_lines(states, (f"solution {own} of problem {problem.hash}",)),
         CERTIFICATE_FILE: [json.dumps(certificate, indent=1) + "\n"],
     }
     for file, lines in texts.items():
