@@ -14,7 +14,9 @@ from service.solution_export import ALL, ExportFormat, Wanted, export_solution
 from service.store import Store
 
 Format = Annotated[ExportFormat, typer.Option(help="SPICE kernel, CCSDS message, or samples as text.")]
-Trajectory = Annotated[str, typer.Option(help="all, reference, or the number of a realization, 1 to k.")]
+Trajectory = Annotated[
+    str, typer.Option(help="Which one: all, reference, or the number of a realization, 1 to k.")
+]
 Output = Annotated[
     Path | None, typer.Option("--output", "-o", help="New file; named after the solution if left out.")
 ]
