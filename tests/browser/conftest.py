@@ -27,8 +27,8 @@ FLAGS = [
     "--disable-component-update",
     "--disable-sync",
 ]
-#: A drawing in software takes seconds on a busy machine [ms].
-PATIENCE = 60_000
+#: A drawing in software takes seconds on a busy machine, the first flight of all a compilation [ms].
+PATIENCE = 180_000
 SCREENS = Path(__file__).parents[2] / "build" / "screens"
 
 

@@ -29,15 +29,16 @@ let flying = Promise.resolve();
  */
 async function refresh(events, isAll) {
   if (!record) {
-    const [found, known, analyses] = await Promise.all(["", "/lineage", "/missed-thrust"].map((what) => find(`/solutions/${id}${what}`)));
-    if (!found || !known) return showEmpty(...unknown());
+    const found = await find(`/solutions/${id}`);
+    if (!found) return showEmpty(...unknown());
+    const [known, analyses] = await Promise.all(["lineage", "missed-thrust"].map((what) => get(`/solutions/${id}/${what}`)));
     record = found;
     showRecord();
     lineage.show(known);
     showReproduction(byId("reproduction"), record, known.command);
     const certificate = record.certificate_hash && (await find(`/solutions/${id}/certificate`));
     showCertificate(byId("certificate"), certificate, id);
-    outagesTaken.show(analyses?.items[0]);
+    outagesTaken.show(analyses.items[0]);
     performance.mark("solution-shown");
     // Its picture takes seconds on a slow machine; the rest of the page does not wait for it.
     flying = flight.load(id, (day) => dateOf(record, day));
