@@ -8,6 +8,9 @@ from fastapi import APIRouter, FastAPI
 from fastapi.middleware.gzip import GZipMiddleware
 from starlette.routing import BaseRoute
 
+from service.access.guard import Guard
+from service.access.limits import Streams
+from service.access.security import Access, access_on
 from service.api import (
     archive,
     attempts,
@@ -30,9 +33,6 @@ from service.api import (
 )
 from service.api.document import finish_document
 from service.api.errors import REFUSALS, add_error_handlers
-from service.guard import Guard
-from service.limits import Streams
-from service.security import Access, access_on
 from service.settings import Settings
 from service.store import Store
 

@@ -12,10 +12,10 @@ import pytest
 import typer
 import yaml
 
+from service.access.rights import ANYONE, RIGHTS
 from service.cli import app
-from service.cli_options import DEFAULT_PORT
+from service.cli.options import DEFAULT_PORT
 from service.db.place import URL_VARIABLE, database_url
-from service.rights import ANYONE, RIGHTS
 from service.settings import PREFIX, Settings
 
 ROOT = Path(__file__).parents[1]

@@ -11,7 +11,7 @@ import pytest
 from core.nlp import ExitStatus
 from core.search import GUESS_LAWS, HOP_LAWS, MAPPINGS
 from service.db.tables import Base
-from service.search_spec import SearchSpec, Seeds
+from service.spec.search_spec import SearchSpec, Seeds
 from workers.job import Ending
 
 ROOT = Path(__file__).parents[1]

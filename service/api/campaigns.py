@@ -15,9 +15,9 @@ from service.api.context import Id, StoreHere
 from service.api.jobs import CONFLICT
 from service.api.schemas import CampaignView, PriorityWanted, WeightWanted
 from service.portable.files import file_name, packed, pieces
-from service.resolve import require_flyable
-from service.solution_export import ZIP
+from service.solutions.export import ZIP
 from service.spec import spec_from
+from service.spec.resolve import require_flyable
 
 router = APIRouter(tags=["campaigns"])
 

@@ -4,9 +4,9 @@ from typing import Annotated
 
 from fastapi import Depends, Path, Query, Request
 
-from service.security import Access
+from service.access.security import Access
+from service.access.tokens import Identity
 from service.store import Store
-from service.tokens import Identity
 
 
 def _store(request: Request) -> Store:
@@ -20,14 +20,14 @@ def _access(request: Request) -> Access:
 
 
 def _identity(request: Request) -> Identity:
-    # Set by `service.guard`, which lets nobody through without.
+    # Set by `service.access.guard`, which lets nobody through without.
     identity: Identity = request.state.identity
     return identity
 
 
 StoreHere = Annotated[Store, Depends(_store)]
 AccessHere = Annotated[Access, Depends(_access)]
-#: Who asks: for routes whose line in `service.rights` names roles.
+#: Who asks: for routes whose line in `service.access.rights` names roles.
 IdentityHere = Annotated[Identity, Depends(_identity)]
 #: Ids fit into the database's integers.
 Id = Annotated[int, Path(ge=1, lt=2**63)]

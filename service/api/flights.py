@@ -12,13 +12,13 @@ from fastapi.responses import StreamingResponse
 
 from core.analysis.flight import Flight, fly
 from core.problem import problem_from
-from service import solution_export
 from service.api.context import Hash, Limit, StoreHere
 from service.api.export import CSV
 from service.api.lineage_schemas import LineageGraph, Reproduction
 from service.api.solution_files import vector_lines
 from service.dashboard.pictures import MOST_SAMPLES, flight_as_json
-from service.solution_export import ALL, MEDIA, ZIP, ExportFormat, Wanted
+from service.solutions import export as solution_export
+from service.solutions.export import ALL, MEDIA, ZIP, ExportFormat, Wanted
 from service.store import Store, UnknownRow
 from workers.certificate import CertificateDocument
 

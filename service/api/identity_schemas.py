@@ -5,8 +5,8 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, SecretStr
 
+from service.access.rights import Role
 from service.api.schemas import Answer
-from service.rights import Role
 
 #: How long a token may live at most [d].
 MAX_DAYS = 3650.0

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Query
 
 from service.api.context import CampaignWanted, Hash, StoreHere
 from service.api.missed_thrust_schemas import MissedThrustPage
-from service.missed_thrust import views_of
+from service.missed_thrust.views import views_of
 
 router = APIRouter(tags=["solutions"])
 

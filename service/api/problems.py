@@ -11,8 +11,8 @@ from service.api.context import Hash, StoreHere
 from service.api.problem_schemas import ProblemFamily, ProblemStructure
 from service.api.schemas import ProblemPage, ProblemView
 from service.dashboard.structure import structure_of
-from service.resolve import require_flyable
 from service.spec import problem_without_files
+from service.spec.resolve import require_flyable
 
 router = APIRouter(tags=["problems"])
 

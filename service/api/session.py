@@ -10,12 +10,12 @@ from urllib.parse import parse_qs
 from fastapi import APIRouter, Depends, Query, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
 
+from service.access.tokens import COOKIE
 from service.api.context import AccessHere, IdentityHere, StoreHere
 from service.api.identity_schemas import SessionView, SignIn
 from service.dashboard.render import page
 from service.store import Store
 from service.store.identity import RefusedToken
-from service.tokens import COOKIE
 
 router = APIRouter(tags=["session"])
 pages = APIRouter(include_in_schema=False)

@@ -18,8 +18,8 @@ from service.api.spec_schemas import (
     SpecToCheck,
 )
 from service.spec import Spec
-from service.spec_check import check_text, planned
-from service.spec_text import spec_text
+from service.spec.spec_check import check_text, planned
+from service.spec.spec_text import spec_text
 
 router = APIRouter(tags=["campaigns"])
 
@@ -54,7 +54,7 @@ def get_spec(campaign_id: Id, store: StoreHere) -> SpecText:
 
 @cache
 def _templates() -> SpecTemplates:
-    folder = files("service") / "spec_templates"
+    folder = files("service.spec") / "templates"
     texts = {name: (folder / f"{name}.toml").read_text(encoding="utf-8") for name in TEMPLATES}
     return SpecTemplates(items=[SpecText(name=name, toml=toml) for name, toml in texts.items()])
 

@@ -7,7 +7,7 @@ from service.benchmark.benchmark_set import Case
 from service.benchmark.certificate import certified
 from service.benchmark.check import problem_mass
 from service.benchmark.vector_file import read_vector
-from service.solution_hash import solution_hash
+from service.solutions.solution_hash import solution_hash
 
 
 class Judgement(Answer):

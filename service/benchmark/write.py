@@ -31,8 +31,8 @@ from service.benchmark.benchmark_set import (
 from service.benchmark.certificate import certified
 from service.benchmark.check import problem_mass
 from service.benchmark.states_file import SAMPLES_PER_RADIAN
-from service.solution_hash import solution_hash
-from service.toml_text import toml_text
+from service.solutions.solution_hash import solution_hash
+from service.spec.toml_text import toml_text
 from workers.bench_seeds import Solution
 
 

@@ -22,7 +22,7 @@ from core.tolerances import PAPER, STRICT
 from core.transcription import checked_vector, layout_of
 from service.portable.errors import PortableError
 from service.portable.lines import CampaignLine, JobLine, ProvenanceLine, SolutionLine, SolveLine
-from service.solution_hash import solution_hash
+from service.solutions.solution_hash import solution_hash
 from service.spec import Spec
 
 #: Figures are worked out again; other machines round otherwise, and epochs are kept to a millisecond.

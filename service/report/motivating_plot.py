@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from core.analysis.flight import Flight, FlownTrajectory
-from service.motivating import mean_throttle
+from service.missed_thrust.motivating import mean_throttle
 from service.report.style import GREEN, INK, ORANGE, SERIES, WIDTH, as_png, as_svg, house_style, lay_out
 
 #: Of the two trajectories: name and colour.

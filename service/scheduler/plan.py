@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from core.analysis.distinct import most_diverse
 from core.problem import Problem
 from core.search import REFINED, expand_mapping
-from service.scheduler.pairing import Case, targets
-from service.search_spec import SearchSpec
 from service.spec import Spec
+from service.spec.pairing import Case, targets
+from service.spec.search_spec import SearchSpec
 
 #: Chains that are kept ready in the queue, however large the budget is.
 CHAINS_AHEAD = 256

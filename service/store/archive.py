@@ -19,7 +19,7 @@ from service.db.tables import (
 )
 from service.scheduler import plan
 from service.scheduler.states import ENDED
-from service.solution_hash import solution_hash
+from service.solutions.solution_hash import solution_hash
 from service.store.events import noted
 from service.store.held import Held, Worked
 from service.store.specs import layout_of_problem, search_spec, spec_of

@@ -10,8 +10,8 @@ from core.problem import Problem, problem_from
 from core.search import refined_problem
 from service.db.tables import CampaignRow, JobRow, SearchRow, SolutionRow, SolveRow
 from service.scheduler.plan import Candidate
-from service.search_spec import SearchSpec
 from service.spec import SpecError
+from service.spec.search_spec import SearchSpec
 from service.store.specs import definition_of, search_spec, spec_of
 from service.store.tallies import n_solutions, tallies
 

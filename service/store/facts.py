@@ -8,7 +8,7 @@ from sqlalchemy.orm import Session
 
 from core.analysis.facts import CampaignFacts, SolveFacts
 from service.db.tables import CampaignRow, JobRow, SearchRow, SolutionRow, SolveRow
-from service.search_spec import SearchSpec
+from service.spec.search_spec import SearchSpec
 from service.store.errors import UnknownRow
 from service.store.specs import spec_of
 

@@ -10,9 +10,9 @@ from core.search import HopSettings
 from service.api.search_schemas import HopColumns, HopsView, SeedOfSearch
 from service.db.sampling import mixed
 from service.db.tables import JobRow, SearchRow, SolutionRow, SolveRow
-from service.hop_widths import widths
-from service.search_spec import SearchSpec
+from service.spec.search_spec import SearchSpec
 from service.store.control import get_search_row
+from service.store.hop_widths import widths
 from service.store.specs import search_spec
 
 #: Columns that an answer takes over as they are.

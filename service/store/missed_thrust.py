@@ -10,8 +10,8 @@ from sqlalchemy.orm import Session
 from core.analysis.facts import CampaignFacts
 from core.problem import Problem, problem_from
 from service.db.tables import CampaignRow
-from service.missed_thrust_spec import analysis_name
-from service.search_spec import SearchSpec
+from service.missed_thrust.analysis_spec import analysis_name
+from service.spec.search_spec import SearchSpec
 from service.store.facts import campaign_facts
 from service.store.records import definition_and_vector
 from service.store.specs import spec_of

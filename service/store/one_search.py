@@ -9,7 +9,7 @@ from service.api.schemas import CampaignState, JobCounts, SearchState
 from service.api.search_schemas import BudgetView, LawsView, SearchDetail, SeedRules
 from service.db.tables import SearchRow
 from service.scheduler import plan
-from service.search_spec import SearchSpec
+from service.spec.search_spec import SearchSpec
 from service.store.control import get_search_row
 from service.store.progress import cases_of, numbers_of
 from service.store.specs import search_spec

@@ -18,7 +18,7 @@ from service.api.schemas import (
 from service.db.tables import CampaignRow, CaseRow, SearchRow, SolutionRow, SolveRow
 from service.scheduler import plan
 from service.scheduler.states import ENDED
-from service.search_spec import SearchSpec
+from service.spec.search_spec import SearchSpec
 from service.store.errors import UnknownRow
 from service.store.specs import search_spec, spec_of
 from service.store.tallies import job_states, n_solutions, summed, tallies

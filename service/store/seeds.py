@@ -15,8 +15,8 @@ from service.api.schemas import SeedPage
 from service.db.tables import CampaignRow, CaseRow, JobRow, ProblemRow, SearchRow, SolutionRow
 from service.scheduler import plan
 from service.scheduler.plan import Candidate, PlannedJob
-from service.search_spec import SearchSpec
 from service.spec import Spec, SpecError
+from service.spec.search_spec import SearchSpec
 from service.store.candidates import candidates, n_candidates
 from service.store.errors import StoreError, UnknownRow
 from service.store.specs import search_spec, spec_of

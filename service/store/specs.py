@@ -7,8 +7,8 @@ from sqlalchemy.orm import Session
 from core.problem import problem_from
 from core.transcription import Layout, layout_of
 from service.db.tables import CampaignRow, ProblemRow, SearchRow
-from service.search_spec import SearchSpec
 from service.spec import Spec, spec_from
+from service.spec.search_spec import SearchSpec
 from service.store.errors import UnknownRow
 from service.store.kept import Kept
 

@@ -19,8 +19,8 @@ from service.db.tables import (
 from service.scheduler import plan
 from service.scheduler.plan import PlannedJob, Progress
 from service.scheduler.states import ENDED
-from service.search_spec import SearchSpec
 from service.spec import Spec, SpecError
+from service.spec.search_spec import SearchSpec
 from service.store.candidates import candidates
 from service.store.errors import KeyReused
 from service.store.events import note, note_search

@@ -12,8 +12,8 @@ import pytest
 
 from core.problem import load_problem
 from service.db.engine import DatabaseError
-from service.resolve import require_flyable
 from service.spec import load_spec
+from service.spec.resolve import require_flyable
 from service.store import Store, UnknownRow
 from workers.threads import single_threaded
 

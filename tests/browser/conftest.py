@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 from playwright import sync_api
 
+from service.access.security import access_on
 from service.coordinator import WebServer, open_port
-from service.security import access_on
 from service.settings import Settings
 from service.store import Store
 from tests.acceptance import known

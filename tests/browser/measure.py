@@ -20,10 +20,10 @@ from pathlib import Path
 import numpy as np
 from playwright.sync_api import sync_playwright
 
-from service.bench_archive import fill
-from service.bench_load import Load, run_workers
-from service.bench_machine import machine
-from service.bench_probe import campaign
+from service.bench.archive import fill
+from service.bench.load import Load, run_workers
+from service.bench.machine import machine
+from service.bench.probe import campaign
 from service.spec import spec_from
 from tests.browser.conftest import CHROMIUM, FLAGS
 from workers.job import WorkerInfo
@@ -46,7 +46,7 @@ PAINT = "performance.getEntriesByName('first-contentful-paint')[0].startTime"
 @contextmanager
 def served(folder):
     """Serve a folder from another process; give what it says of itself."""
-    command = [sys.executable, "-m", "service.bench_server", str(folder)]
+    command = [sys.executable, "-m", "service.bench.server", str(folder)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as server:
         yield json.loads(server.stdout.readline())
         server.stdin.close()

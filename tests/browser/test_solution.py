@@ -6,8 +6,8 @@ import pytest
 
 from core.problem import load_problem
 from service.api.certificate_examples import EXAMPLES
-from service.missed_thrust import views_of
-from service.missed_thrust_spec import analysis_spec, grid_of
+from service.missed_thrust.analysis_spec import analysis_spec, grid_of
+from service.missed_thrust.views import views_of
 from service.spec import spec_from
 from service.store.filter import Filter
 from tests.acceptance import known

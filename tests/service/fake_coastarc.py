@@ -4,7 +4,8 @@ import os
 import sys
 from functools import partial
 
-from service import cli, cli_run
+from service import cli
+from service.cli import run as cli_run
 from service.coordinator import Coordinator
 from service.scheduler.leases import LeaseSettings
 

@@ -6,15 +6,15 @@ from pathlib import Path
 import pytest
 import typer.main
 
+from service.access.limits import MAX_CLIENTS
+from service.access.request_body import PATIENCE_S
+from service.access.rights import RIGHTS, least, line_of
+from service.access.route_index import lines_of
+from service.access.security import MAX_BODY_BYTES, MAX_REPORT_BYTES, MAX_TARGET_BYTES, REPORT_PATHS
 from service.api.document import EXAMPLES
 from service.api.prometheus import _places, _work, _writes
 from service.app import create_app
 from service.cli import app as commands
-from service.limits import MAX_CLIENTS
-from service.request_body import PATIENCE_S
-from service.rights import RIGHTS, least, line_of
-from service.route_index import lines_of
-from service.security import MAX_BODY_BYTES, MAX_REPORT_BYTES, MAX_TARGET_BYTES, REPORT_PATHS
 from service.settings import Settings
 from service.store import pruning
 from service.store.gauges import Reading

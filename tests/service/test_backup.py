@@ -169,7 +169,7 @@ def test_an_older_backup_is_restored_as_it_is_and_upgraded_there(run, tmp_path):
 
 
 def test_an_archive_in_use_is_not_upgraded(run, tmp_path):
-    from service.lock import FolderLock
+    from service.coordinator.lock import FolderLock
 
     stored(1, tmp_path)
     with FolderLock(tmp_path):

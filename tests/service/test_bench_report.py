@@ -3,7 +3,7 @@ import json
 import numpy as np
 from typer.testing import CliRunner
 
-from service.bench_archive import fill
+from service.bench.archive import fill
 from service.cli import app
 from service.spec import spec_from
 from service.store import Store

@@ -5,9 +5,9 @@ import pytest
 from click.testing import CliRunner
 from typer.main import get_command
 
-from service.bench_load import outcome
-from service.bench_probe import percentile_ms
-from service.cli_bench import bench
+from service.bench.load import outcome
+from service.bench.probe import percentile_ms
+from service.cli.bench import bench
 from tests.service.campaigns import submitted
 from workers.executor import Ticket
 from workers.job import JobOutcome

@@ -15,6 +15,7 @@ from service import cli
 from service.benchmark.benchmark_set import FOLDER, BenchmarkError, read_set, sha256
 from service.benchmark.vector_file import read_vector
 from service.benchmark.write import write_set
+from service.cli.options import console
 from service.store.archive import solution_hash
 from workers.bench_seeds import Solution
 
@@ -26,7 +27,7 @@ def coastarc(monkeypatch, capsys):
     """Return a function that runs `coastarc benchmark` in this process: (exit code, stdout, stderr)."""
 
     def call(*words):
-        monkeypatch.setattr(cli.console, "_width", 200)
+        monkeypatch.setattr(console, "_width", 200)
         monkeypatch.setattr(sys, "argv", ["coastarc", "benchmark", *map(str, words)])
         with pytest.raises(SystemExit) as end:
             cli.main()

@@ -9,7 +9,9 @@ import time
 import httpx
 import pytest
 
-from service import cli, cli_run
+from service import cli, logs
+from service.cli import run as cli_run
+from service.cli.options import console
 from service.coordinator import Coordinator
 from service.db.engine import DatabaseError
 from service.spec import spec_from
@@ -25,9 +27,9 @@ def coastarc(tmp_path, monkeypatch, capsys):
     """Return a function that runs a command in this process: (exit code, stdout, stderr)."""
     monkeypatch.setattr(cli_run, "RUNNER", "tests.workers.fake:run_fake")
     # Handlers are the whole process's, and this one is pytest's.
-    monkeypatch.setattr(cli.logs, "configure", lambda **_: None)
-    monkeypatch.setattr(cli.console, "_force_terminal", False)
-    monkeypatch.setattr(cli.console, "_width", 200)
+    monkeypatch.setattr(logs, "configure", lambda **_: None)
+    monkeypatch.setattr(console, "_force_terminal", False)
+    monkeypatch.setattr(console, "_width", 200)
 
     def call(*arguments, data=tmp_path):
         words = [str(word) for word in arguments]
@@ -291,8 +293,8 @@ def test_serve_works_on_what_is_submitted_and_stops_with_a_reader_connected(tmp_
 
 def test_coordinators_write_their_logs_as_lines_of_json(coastarc, spec_file, monkeypatch):
     levels = []
-    monkeypatch.setattr(cli.logs, "configure", lambda level=logging.INFO: levels.append(level))
-    monkeypatch.setattr(cli, "serve_until_interrupted", lambda *_: None)
+    monkeypatch.setattr(logs, "configure", lambda level=logging.INFO: levels.append(level))
+    monkeypatch.setattr("service.cli.command.serve_until_interrupted", lambda *_: None)
     assert coastarc("serve", "--port", 0)[0] == 0 and coastarc("run", spec_file)[0] == 0
     assert levels == [logging.INFO, "WARNING"]
 

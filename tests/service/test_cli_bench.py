@@ -5,9 +5,10 @@ import json
 
 import pytest
 
-from service import bench_session, cli
-from service.bench_machine import machine, revision
-from service.bench_session import Progress
+from service import cli
+from service.bench.machine import machine, revision
+from service.cli.bench import session as bench_session
+from service.cli.bench.session import Progress
 from tests.workers.fake import run_fake
 from workers.bench_seeds import read_solutions
 from workers.inline import Inline

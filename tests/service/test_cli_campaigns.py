@@ -9,6 +9,7 @@ from fastapi.testclient import TestClient
 
 from service import cli
 from service.app import create_app
+from service.cli.options import console
 from service.store import Store
 from tests.acceptance import known
 from tests.service.campaigns import submitted
@@ -18,7 +19,7 @@ from tests.service.campaigns import submitted
 def coastarc(tmp_path, monkeypatch, capsys):
     """Return a function that runs a command in an empty folder: (exit code, stdout, stderr)."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(cli.console, "_width", 200)
+    monkeypatch.setattr(console, "_width", 200)
 
     def call(*arguments, data):
         words = [str(word) for word in arguments]

@@ -6,6 +6,7 @@ import sys
 import pytest
 
 from service import cli
+from service.cli.options import console
 from service.coordinator import Coordinator
 from tests.service.campaigns import finish, spec_fields, submitted
 from tests.workers.fake import run_broken
@@ -22,7 +23,7 @@ def coordinator(tmp_path):
 @pytest.fixture
 def coastarc(coordinator, monkeypatch, capsys):
     """Return a function that runs a command with --url in this process: (exit code, stdout, stderr)."""
-    monkeypatch.setattr(cli.console, "_width", 200)
+    monkeypatch.setattr(console, "_width", 200)
 
     def call(*arguments, url=coordinator.url):
         monkeypatch.setattr(sys, "argv", ["coastarc", *map(str, arguments), "--url", url])

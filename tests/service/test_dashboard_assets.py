@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 from fastapi.testclient import TestClient
 
+from service.access.security import Access
 from service.app import create_app
 from service.dashboard import assets
 from service.dashboard.views import VIEWS
-from service.security import Access
 
 STATIC = Path(str(files("service.dashboard") / "static"))
 MODULES = sorted(path.relative_to(STATIC).as_posix() for path in STATIC.rglob("*.js"))

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
+from service.access.rights import Role
 from service.client import Client, ClientError
 from service.coordinator import Coordinator, Crew
-from service.rights import Role
+from service.coordinator.supervisor import Supervisor
 from service.scheduler.leases import LeaseSettings
 from service.store import Store
-from service.supervisor import Supervisor
 from tests.service.campaigns import content, finish, spec_fields, submitted
 from tests.service.fake_coastarc import LEASE
 from tests.workers.jobs import worker_info

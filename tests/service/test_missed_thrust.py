@@ -8,11 +8,12 @@ import pytest
 
 from core.analysis.verify import verify
 from core.problem import load_problem, problem_from
-from service import cli, cli_run
-from service.missed_thrust import views_of
-from service.missed_thrust_spec import GridError, analysis_spec, grid_of
+from service import cli, logs
+from service.cli import run as cli_run
+from service.missed_thrust.analysis_spec import GridError, analysis_spec, grid_of
+from service.missed_thrust.views import views_of
 from service.spec import SpecError, spec_from
-from service.spec_check import planned
+from service.spec.spec_check import planned
 from service.store import Store
 from service.store.filter import Filter
 from tests.acceptance import known
@@ -162,7 +163,7 @@ def test_real_recoveries_become_solutions_of_p_1_and_a_map(archive, client):
 @pytest.fixture
 def coastarc(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(cli_run, "RUNNER", "tests.workers.fake:run_fake")
-    monkeypatch.setattr(cli.logs, "configure", lambda **_: None)
+    monkeypatch.setattr(logs, "configure", lambda **_: None)
     monkeypatch.chdir(tmp_path)
 
     def call(*words):

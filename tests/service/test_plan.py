@@ -15,8 +15,8 @@ from service.scheduler.plan import (
     priority,
     search_state,
 )
-from service.search_spec import SearchSpec
 from service.spec import spec_from
+from service.spec.search_spec import SearchSpec
 
 NOTHING = Progress(n_chains=0, n_queued=0, n_running=0, cpu_seconds=0.0, n_solutions=0)
 

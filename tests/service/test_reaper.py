@@ -3,7 +3,7 @@ import threading
 import pytest
 from sqlalchemy.exc import OperationalError
 
-from service.reaper import Reaper
+from service.coordinator.reaper import Reaper
 from service.scheduler.leases import LeaseSettings, backoff_s
 from service.store import Store
 from tests.service.campaigns import submitted

@@ -7,7 +7,14 @@ import pytest
 
 from core.problem import problem_from
 from core.search import refined_problem
-from service.refine import RefineError, best_of, check_segments, first_step, next_step, refinement_spec
+from service.solutions.refine import (
+    RefineError,
+    best_of,
+    check_segments,
+    first_step,
+    next_step,
+    refinement_spec,
+)
 from service.spec import SpecError, spec_from
 from service.store import Store
 from service.store.filter import Filter

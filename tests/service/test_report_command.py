@@ -4,7 +4,7 @@ import sys
 import pytest
 
 from service import cli
-from service.cli_report import folder_name
+from service.cli.report import folder_name
 from service.store import Store
 from tests.service.campaigns import finish, spec_fields, submitted
 

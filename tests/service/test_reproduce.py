@@ -5,9 +5,9 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-from service import cli_reproduce
 from service.cli import app
-from service.reproduce import reproduce, verdict
+from service.cli import reproduce as cli_reproduce
+from service.solutions.reproduce import reproduce, verdict
 from service.store import Store
 from service.store.filter import Filter
 from tests.acceptance.known import SPEC, VECTORS

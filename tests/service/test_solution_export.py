@@ -17,6 +17,7 @@ from oem import OrbitEphemerisMessage
 from core.problem import ProblemError, load_problem
 from service import cli
 from service.app import create_app
+from service.cli.options import console
 from service.store import Store
 from service.store.filter import Filter
 from tests.acceptance import known
@@ -51,7 +52,7 @@ def robust(archive):
 def coastarc(archive, tmp_path, monkeypatch, capsys):
     """Return a function that runs a command in an empty folder: (exit code, stdout, stderr)."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(cli.console, "_width", 200)
+    monkeypatch.setattr(console, "_width", 200)
 
     def call(*arguments):
         words = [str(word) for word in arguments]

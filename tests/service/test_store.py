@@ -6,7 +6,7 @@ import pytest
 
 from core.problem import problem_from
 from service.scheduler import plan
-from service.solution_hash import solution_hash
+from service.solutions.solution_hash import solution_hash
 from service.spec import spec_from
 from service.store import Store
 from service.store.records import Filter

@@ -7,11 +7,13 @@ import sys
 import pytest
 
 from core.problem import content_hash
-from service import cli, cli_verify
+from service import cli
+from service.cli import verify as cli_verify
+from service.cli.options import console
+from service.solutions.verification import verify_solutions
 from service.spec import spec_from
 from service.store import Store
 from service.store.filter import Filter
-from service.verification import verify_solutions
 from tests.acceptance.known import OUTAGE, SPEC, run_known
 from tests.service.campaigns import finish, spec_fields
 from workers.inline import Inline
@@ -39,7 +41,7 @@ def archive(verified, tmp_path):
 @pytest.fixture
 def coastarc(archive, monkeypatch, capsys):
     """Return a function that runs a command on the archive: (exit code, stdout, stderr)."""
-    monkeypatch.setattr(cli.console, "_width", 200)
+    monkeypatch.setattr(console, "_width", 200)
 
     def call(*words):
         monkeypatch.setattr(sys, "argv", ["coastarc", *map(str, words), "--data", str(archive)])

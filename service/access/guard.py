@@ -1,0 +1,227 @@
+"""The gate before every route: who is it, may they, how often, and what is written down about it.
+
+In order: refusals that hold for everybody (`service.access.security`), the route (one that
+`service.access.rights` does not list is for nobody), the identity behind a token or a cookie, its role, its
+limits, the body.
+What a changing request is answered is in the audit before the answer is on its way.
+"""
+
+import logging
+from urllib.parse import quote
+
+from starlette.concurrency import run_in_threadpool
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import cookie_parser
+from starlette.responses import RedirectResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from service.access.limits import Buckets, Streams
+from service.access.request_body import BodyFault, read_body, replayed
+from service.access.rights import ANYONE, RIGHTS, STREAMS, UNLOGGED, Role, least
+from service.access.route_index import RouteIndex
+from service.access.security import (
+    ANSWER_HEADERS,
+    UNSAFE,
+    Access,
+    fault_of,
+    is_own_origin,
+    most_bytes,
+    seen_from,
+)
+from service.access.tokens import COOKIE, OWNER, Identity
+from service.api.errors import failed, forbidden, problem_response, too_many, unauthorized, unrouted
+from service.store import Store
+from service.store.identity import RefusedToken
+
+log = logging.getLogger(__name__)
+
+#: Requests of nobody that are written down: enough to see an attack, too few to fill a disk.
+NOBODYS_AUDIT_PER_S, NOBODYS_AUDIT_BURST = 0.1, 100
+
+
+class Visit:
+    """One request on its way through the gate."""
+
+    def __init__(self, scope: Scope, access: Access) -> None:
+        self.headers = Headers(scope=scope)
+        self.fault = fault_of(scope, self.headers, access)
+        self.address, scheme = seen_from(scope, self.headers, access)
+        self.scope = {**scope, "scheme": scheme, "client": (self.address, 0)}
+        self.scope["state"] = dict(scope.get("state", {}))
+        self.method: str = scope["method"]
+        self.path: str = scope["path"]
+        #: Name of the route in `service.access.rights`.
+        self.line = ""
+
+    @property
+    def identity(self) -> Identity | None:
+        """Who sends it; sign-in sets it as well."""
+        identity: Identity | None = self.scope["state"].get("identity")
+        return identity
+
+    @identity.setter
+    def identity(self, identity: Identity | None) -> None:
+        self.scope["state"]["identity"] = identity
+
+    @property
+    def client(self) -> str:
+        """Whose bucket it draws from."""
+        return self.identity.token_id if self.identity and self.identity.token_id else self.address
+
+    @property
+    def is_unsafe(self) -> bool:
+        """Whether it may change something."""
+        return self.method in UNSAFE
+
+    @property
+    def is_page(self) -> bool:
+        """Whether a person looks at the answer."""
+        return self.method == "GET" and "text/html" in self.headers.get("accept", "")
+
+    @property
+    def target(self) -> str:
+        """Path and query."""
+        query = self.scope.get("query_string", b"").decode("latin-1")
+        return f"{self.path}?{query}" if query else self.path
+
+
+class Guard:
+    """Lets requests through to the application, or answers them itself."""
+
+    def __init__(self, app: ASGIApp, *, store: Store, access: Access, streams: Streams) -> None:
+        settings = access.settings
+        self._app = app
+        self._store = store
+        self._access = access
+        self._routes = RouteIndex()
+        self._people = Buckets(settings.requests_per_second, settings.request_burst)
+        self._workers = Buckets(settings.worker_requests_per_second, settings.worker_request_burst)
+        self._nobody = Buckets(NOBODYS_AUDIT_PER_S, NOBODYS_AUDIT_BURST)
+        self._streams = streams
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Check, then pass on."""
+        if scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": 1008})
+            return
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        visit = Visit(scope, self._access)
+        outward = _Outward(self, visit, send)
+        answer = await self._refusal(visit)
+        if answer is not None:
+            await answer(visit.scope, receive, outward)
+        elif visit.line in STREAMS:
+            await self._stream(visit, receive, outward)
+        else:
+            await self._pass_on(visit, receive, outward)
+
+    async def _refusal(self, visit: Visit) -> Response | None:
+        """Return the answer to a request that is refused by its head, or None."""
+        if visit.fault is not None:
+            return problem_response(*visit.fault)
+        visit.line, verbs = self._routes.find(visit.scope)
+        if not visit.line:
+            return unrouted(visit.method, visit.path, verbs)
+        roles = RIGHTS.get(visit.line, frozenset())
+        reason = ""
+        if roles is not ANYONE or visit.is_unsafe:
+            try:
+                visit.identity = await run_in_threadpool(self._identity, visit.headers)
+            except RefusedToken as error:
+                reason = str(error)
+        if wait := self._wait(visit):
+            return too_many("requests: expected fewer of them, got too many at once", wait)
+        return None if roles is ANYONE else _by_role(visit, roles, reason)
+
+    def _identity(self, headers: Headers) -> Identity | None:
+        """Return who sends a request, None if it does not say; raise if what it says is wrong."""
+        if (given := headers.get("authorization")) is not None:
+            scheme, _, token = given.partition(" ")
+            if scheme.lower() != "bearer":
+                raise RefusedToken("Authorization: expected Bearer and a token, got another scheme")
+            return self._store.identities.identify(token.strip())
+        if self._access.is_open:
+            return OWNER
+        cookie = cookie_parser(headers.get("cookie", "")).get(COOKIE)
+        return self._store.identities.identify_session(cookie) if cookie else None
+
+    def _wait(self, visit: Visit) -> int:
+        is_worker = visit.identity is not None and visit.identity.role is Role.WORKER
+        return (self._workers if is_worker else self._people).take(visit.client)
+
+    async def _stream(self, visit: Visit, receive: Receive, send: "_Outward") -> None:
+        if not self._streams.enter(visit.client):
+            answer = too_many("streams: expected fewer open ones, got as many as are allowed", 10)
+            await answer(visit.scope, receive, send)
+            return
+        try:
+            await self._pass_on(visit, receive, send)
+        finally:
+            self._streams.leave(visit.client)
+
+    async def _pass_on(self, visit: Visit, receive: Receive, send: "_Outward") -> None:
+        if visit.is_unsafe:
+            try:
+                body = await read_body(receive, visit.headers.get("content-type", ""), most_bytes(visit.path))
+            except BodyFault as fault:
+                await problem_response(fault.status, str(fault))(visit.scope, receive, send)
+                return
+            receive = replayed(body, receive)
+        try:
+            await self._app(visit.scope, receive, send)
+        except Exception:
+            if not send.has_begun:
+                # Answered here, so that this answer has its headers and its audit row too.
+                await failed()(visit.scope, receive, send)
+            raise
+
+    def audit(self, visit: Visit, status: int) -> None:
+        """Write down what a changing request is answered."""
+        who = visit.identity
+        if who is not None and visit.line in UNLOGGED and (status < 400 or status == 409):
+            return
+        if who is None and self._nobody.take(""):
+            return
+        try:
+            self._store.identities.record(who, visit.address, visit.method, visit.path[:500], status)
+        except Exception:
+            # The answer stands whether or not it could be written down; a full disk is in the log.
+            log.exception("audit: %s %s -> %d not written", visit.method, visit.line, status)
+
+
+class _Outward:
+    """Sends an answer with the headers that all of them carry, once it is in the audit."""
+
+    def __init__(self, guard: Guard, visit: Visit, send: Send) -> None:
+        self.has_begun = False
+        self._guard = guard
+        self._visit = visit
+        self._send = send
+
+    async def __call__(self, message: Message) -> None:
+        """Send a message."""
+        if message["type"] == "http.response.start":
+            self.has_begun = True
+            headers = MutableHeaders(scope=message)
+            for name, value in ANSWER_HEADERS.items():
+                headers.setdefault(name, value)
+            if self._visit.is_unsafe:
+                await run_in_threadpool(self._guard.audit, self._visit, message["status"])
+        await self._send(message)
+
+
+def _by_role(visit: Visit, roles: frozenset[Role], reason: str) -> Response | None:
+    """Return the refusal of somebody without the role that a route asks for, or None."""
+    if visit.identity is None:
+        if visit.is_page:
+            return RedirectResponse(f"/sign-in?next={quote(visit.target, safe='')}", status_code=303)
+        return unauthorized(reason or "Authorization: expected Bearer and a token, got none")
+    if not roles:
+        return problem_response(403, f"{visit.line}: expected a line in the table of rights, got none")
+    if visit.identity.role not in roles:
+        return forbidden(f"{visit.line}: expected role {least(roles)}, got {visit.identity.role.value}")
+    if visit.is_unsafe and visit.identity.is_cookie and not is_own_origin(visit.headers):
+        return problem_response(403, "Origin: expected that of this service with a cookie, got none")
+    return None

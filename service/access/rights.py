@@ -1,0 +1,125 @@
+"""Who may do what: one line per route, and a route without a line is for nobody.
+
+`service.access.guard` looks here before a route runs.  Roles grow, viewer < submitter < admin; a worker
+stands apart: it reads, and takes, keeps and returns jobs, but changes nothing else.
+"""
+
+import re
+from enum import StrEnum
+
+from service.dashboard.views import VIEWS
+
+
+class Role(StrEnum):
+    """What a token is for."""
+
+    #: Reads everything but tokens and the audit.
+    VIEWER = "viewer"
+    #: Submits campaigns and steers them, too.
+    SUBMITTER = "submitter"
+    #: Does everything.
+    ADMIN = "admin"
+    #: Works on jobs.
+    WORKER = "worker"
+
+
+ANYONE = None
+READERS = frozenset(Role)
+SUBMITTERS = frozenset({Role.SUBMITTER, Role.ADMIN})
+ADMINS = frozenset({Role.ADMIN})
+WORKERS = frozenset({Role.WORKER, Role.ADMIN})
+
+_API = "/api/v1"
+#: Verb and path, with {} where a path has a parameter.
+RIGHTS: dict[str, frozenset[Role] | None] = {
+    **{f"GET {re.sub('{[^}]*}', '{}', view.path)}": READERS for view in VIEWS},
+    "GET /static/{}": ANYONE,
+    "GET /sign-in": ANYONE,
+    "POST /sign-in": ANYONE,
+    "POST /sign-out": ANYONE,
+    "GET /healthz": ANYONE,
+    "GET /readyz": ANYONE,
+    "GET /metrics": READERS,
+    f"GET {_API}/healthz": ANYONE,
+    f"GET {_API}/readyz": ANYONE,
+    f"GET {_API}/metrics": READERS,
+    f"GET {_API}/openapi.json": READERS,
+    f"HEAD {_API}/openapi.json": READERS,
+    f"POST {_API}/session": ANYONE,
+    f"DELETE {_API}/session": ANYONE,
+    f"GET {_API}/session": READERS,
+    f"GET {_API}/tokens": ADMINS,
+    f"POST {_API}/tokens": ADMINS,
+    f"DELETE {_API}/tokens/{{}}": ADMINS,
+    f"GET {_API}/audit": ADMINS,
+    f"GET {_API}/workers": READERS,
+    f"GET {_API}/events": READERS,
+    f"GET {_API}/events/stream": READERS,
+    f"GET {_API}/problems": READERS,
+    f"POST {_API}/problems": SUBMITTERS,
+    f"GET {_API}/problems/{{}}": READERS,
+    f"GET {_API}/problems/{{}}/structure": READERS,
+    f"GET {_API}/problems/{{}}/family": READERS,
+    f"GET {_API}/seeds": READERS,
+    f"POST {_API}/specs/check": READERS,
+    f"GET {_API}/specs/templates": READERS,
+    f"GET {_API}/campaigns": READERS,
+    f"POST {_API}/campaigns": SUBMITTERS,
+    f"GET {_API}/campaigns/{{}}": READERS,
+    f"GET {_API}/campaigns/{{}}/history": READERS,
+    f"GET {_API}/campaigns/{{}}/spec": READERS,
+    f"GET {_API}/campaigns/{{}}/events": READERS,
+    f"GET {_API}/campaigns/{{}}/export": READERS,
+    f"GET {_API}/campaigns/{{}}/metrics": READERS,
+    f"POST {_API}/campaigns/{{}}/pause": SUBMITTERS,
+    f"POST {_API}/campaigns/{{}}/resume": SUBMITTERS,
+    f"POST {_API}/campaigns/{{}}/cancel": SUBMITTERS,
+    f"POST {_API}/campaigns/{{}}/priority": SUBMITTERS,
+    f"POST {_API}/campaigns/{{}}/requeue": SUBMITTERS,
+    f"GET {_API}/campaigns/{{}}/searches/{{}}": READERS,
+    f"GET {_API}/campaigns/{{}}/searches/{{}}/hops": READERS,
+    f"POST {_API}/campaigns/{{}}/searches/{{}}/pause": SUBMITTERS,
+    f"POST {_API}/campaigns/{{}}/searches/{{}}/resume": SUBMITTERS,
+    f"POST {_API}/campaigns/{{}}/searches/{{}}/cancel": SUBMITTERS,
+    f"POST {_API}/campaigns/{{}}/searches/{{}}/weight": SUBMITTERS,
+    f"POST {_API}/campaigns/{{}}/searches/{{}}/priority": SUBMITTERS,
+    f"GET {_API}/solutions": READERS,
+    f"GET {_API}/solutions/points": READERS,
+    f"GET {_API}/solutions/clusters": READERS,
+    f"GET {_API}/solutions/choices": READERS,
+    f"GET {_API}/solutions/{{}}": READERS,
+    f"GET {_API}/solutions/{{}}/trajectory": READERS,
+    f"GET {_API}/solutions/{{}}/lineage": READERS,
+    f"GET {_API}/solutions/{{}}/export": READERS,
+    f"GET {_API}/solutions/{{}}/certificate": READERS,
+    f"GET {_API}/solutions/{{}}/reproduction": READERS,
+    f"GET {_API}/solutions/{{}}/missed-thrust": READERS,
+    f"GET {_API}/attempts": READERS,
+    f"GET {_API}/queue": READERS,
+    f"GET {_API}/jobs": READERS,
+    f"GET {_API}/jobs/{{}}": READERS,
+    f"GET {_API}/jobs/{{}}/attempts": READERS,
+    f"POST {_API}/jobs/{{}}/requeue": SUBMITTERS,
+    f"POST {_API}/jobs/{{}}/cancel": SUBMITTERS,
+    f"POST {_API}/jobs/claim": WORKERS,
+    f"POST {_API}/jobs/heartbeat": WORKERS,
+    f"POST {_API}/jobs/complete": WORKERS,
+    f"POST {_API}/jobs/complete-many": WORKERS,
+}
+#: Answers that stay open; how many of them a token may have is limited.
+STREAMS = frozenset({f"GET {_API}/campaigns/{{}}/events", f"GET {_API}/events/stream"})
+#: Asked by POST for the size of what they are asked about; they change nothing.
+QUESTIONS = frozenset({f"POST {_API}/specs/check"})
+#: Left out of the audit, whose rest they would bury: questions, and changes whose trail is the attempts.
+UNLOGGED = QUESTIONS | {line for line, roles in RIGHTS.items() if roles == WORKERS}
+
+
+def line_of(method: str, template: str) -> str:
+    """Return the name of a route in `RIGHTS`."""
+    return f"{method} {re.sub('{[^}]*}', '{}', template)}"
+
+
+def least(roles: frozenset[Role]) -> str:
+    """Return the role to ask for, if one wants to do what these roles may."""
+    order = (Role.VIEWER, Role.WORKER, Role.SUBMITTER, Role.ADMIN)
+    return next(role.value for role in order if role in roles)

@@ -1,0 +1,26 @@
+"""The coordinator that `coastarc bench service` measures: a process of its own, without a dispatcher.
+
+`python -m service.bench.server FOLDER` prints its address and a worker's token, and ends with its input.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+from service import logs
+from service.access.rights import Role
+from service.coordinator import Coordinator
+
+
+def main() -> None:
+    """Serve until nobody holds the other end of the input."""
+    logs.configure(level="WARNING")
+    with Coordinator(Path(sys.argv[1])) as coordinator:
+        token = coordinator.store.identities.create("simulated workers", Role.WORKER, 30.0).token
+        sys.stdout.write(json.dumps({"url": coordinator.url, "token": token}) + "\n")
+        sys.stdout.flush()
+        sys.stdin.read()
+
+
+if __name__ == "__main__":
+    main()

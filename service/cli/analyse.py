@@ -1,0 +1,154 @@
+"""`coastarc analyse`: what outages do to one solution, found out by a campaign of its own."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import typer
+from rich.console import Console
+
+from core.problem import problem_from
+from service import logs
+from service.api.missed_thrust_schemas import MissedThrustView
+from service.api.schemas import Record
+from service.cli import terminal
+from service.cli.options import DATA, WORKERS, Data, Json, Workers, client_of, console, print_json
+from service.cli.run import LOG_PERIOD_S, UNFINISHED, announce, crew_of, run_to_end
+from service.client import Client
+from service.coordinator import Coordinator, Crew
+from service.missed_thrust.analysis_spec import USUAL_DURATIONS, analysis_spec, grid_of
+from service.missed_thrust.views import views_of
+from service.spec import spec_from
+from service.store import Store, StoreError
+from workers.dispatch import ExecutorKind
+
+analyse = typer.Typer(help="Find out what may happen to a solution.", no_args_is_help=True)
+
+Solution = Annotated[str, typer.Argument(help="Id of a solution, or its beginning.")]
+Beside = Annotated[
+    str | None,
+    typer.Option(help="Analyse another solution as well, and show both; `seed` is the one it was made from."),
+]
+Segments = Annotated[
+    str | None,
+    typer.Option(help="Where outages begin, START:STOP:STEP or a list; every other segment if left out."),
+]
+Durations = Annotated[str, typer.Option(help="How long they last in days, START:STOP:STEP or a list.")]
+Out = Annotated[
+    Path | None, typer.Option(help="Folder for page and pictures; missed-thrust-ID here if left out.")
+]
+Url = Annotated[
+    str | None,
+    typer.Option(help="Have this coordinator and its workers do it.", envvar="COASTARC_URL"),
+]
+
+
+@analyse.callback()
+def _root() -> None:
+    """Keep the name of the one command."""
+
+
+@analyse.command("missed-thrust")
+def missed_thrust_command(
+    solution: Solution,
+    beside: Beside = None,
+    segments: Segments = None,
+    durations: Durations = USUAL_DURATIONS,
+    data: Data = DATA,
+    url: Url = None,
+    workers: Workers = WORKERS,
+    executor: Annotated[ExecutorKind, typer.Option(help="What runs the jobs here.")] = ExecutorKind.PROCESS,
+    out: Out = None,
+    as_json: Json = False,
+) -> None:
+    """Map which outages a solution recovers from, at what price; the same command goes on after Ctrl-C.
+
+    The reference is flown as it is until the outage; what is left is optimized afresh. Every recovery is a
+    certified solution of the archive.
+    """
+    # What a program reads must not be mixed with how far it is.
+    shown = Console(stderr=True) if as_json else console
+    logs.configure(level="WARNING")
+    wanted = Wanted(segments, durations)
+    if url is not None:
+        with client_of(url) as client:
+            views = [_remote(shown, client, one, wanted) for one in _both(client.record, solution, beside)]
+    else:
+        with Store(data, read_only=True) as store:
+            ids = _both(lambda prefix: store.record(store.find_solution(prefix)), solution, beside)
+        views = [_local(shown, data, one, wanted, crew_of(executor, workers)) for one in ids]
+    if as_json:
+        print_json(views[0] if beside is None else views)
+    else:
+        _show(views, out or Path(f"missed-thrust-{views[0].solution_id[:8]}"))
+
+
+class Wanted(NamedTuple):
+    """The outages as the user typed them."""
+
+    segments: str | None
+    durations: str
+
+    def fields(self, record: Record, definition: dict[str, Any]) -> dict[str, Any]:
+        """Return the specification of the analysis of a solution."""
+        problem = problem_from(definition)
+        grid = grid_of(problem, self.segments, self.durations)
+        return analysis_spec(record.id, problem, grid, "strict" if record.strict else "paper")
+
+
+def _both(record: Callable[[str], Record], solution: str, beside: str | None) -> list[Record]:
+    """Return the solutions to analyse."""
+    first = record(solution)
+    if beside is None:
+        return [first]
+    if beside == "seed" and first.seed_id is None:
+        raise StoreError(f"--beside seed: expected a solution with a seed, got {first.id[:8]} without one")
+    return [first, record(first.seed_id or "" if beside == "seed" else beside)]
+
+
+def _local(shown: Console, data: Path, record: Record, wanted: Wanted, crew: Crew) -> MissedThrustView:
+    with Coordinator(data) as coordinator:
+        store = coordinator.store
+        definition, _ = store.definition_and_vector(record.id)
+        campaign_id, _ = store.submit(spec_from(wanted.fields(record, definition), allow_files=True))
+        store.revive(campaign_id)
+        if store.campaign_state(campaign_id) == "paused":
+            store.control_campaign(campaign_id, "resume")
+        if store.campaign_state(campaign_id) == "active":
+            announce(shown, coordinator, f"/campaigns/{campaign_id}")
+            if not run_to_end(shown, coordinator, campaign_id, crew):
+                # What is done is kept.
+                raise KeyboardInterrupt
+        return _only(record, views_of(store, record.id, campaign_id))
+
+
+def _remote(shown: Console, client: Client, record: Record, wanted: Wanted) -> MissedThrustView:
+    definition = client.problem(record.problem_hash).definition
+    view, _ = client.submit(wanted.fields(record, definition))
+    while view.state in UNFINISHED:
+        shown.print(terminal.progress_line(view), highlight=False)
+        time.sleep(LOG_PERIOD_S)
+        view = client.campaign(view.id)
+    return _only(record, client.missed_thrust(record.id, view.id).items)
+
+
+def _only(record: Record, views: list[MissedThrustView]) -> MissedThrustView:
+    if not views:
+        raise StoreError(
+            f"missed-thrust analysis of {record.id[:8]}: expected a solve, got none; look at its dead jobs"
+        )
+    return views[0]
+
+
+def _show(views: list[MissedThrustView], folder: Path) -> None:
+    # Drawing takes a second to import, and other commands do not draw.
+    from service.report.missed_thrust_page import segment_table, summary_table, write_missed_thrust
+
+    for table in (segment_table(views), summary_table(views)):
+        rows = terminal.table(*(column.head for column in table.columns), title=table.title)
+        for row in table.rows:
+            rows.add_row(*(column.shown(cell) for column, cell in zip(table.columns, row, strict=True)))
+        console.print(rows)
+    path = write_missed_thrust(views, folder)
+    console.print(f"Page and pictures: {path.resolve()}", highlight=False, soft_wrap=True, markup=False)

@@ -1,0 +1,93 @@
+"""`coastarc db`: the archive as a whole; campaigns may go on while it is checked or backed up."""
+
+import json
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from platformdirs import user_data_path
+from rich.console import Console
+
+from service.cli import terminal
+from service.coordinator.lock import FolderLock
+from service.db.backup import backup, restore
+from service.db.check import check
+from service.db.errors import DatabaseError, no_archive
+from service.db.place import make_folder, place_of, shown
+from service.db.tables import SCHEMA_VERSION
+from service.db.upgrade import upgrade, version_of
+
+db = typer.Typer(help="Upgrade, check, back up and restore an archive.", no_args_is_help=True)
+
+Data = Annotated[Path, typer.Option(help="Folder of the archive.", envvar="COASTARC_DATA")]
+DATA = user_data_path("coastarc")
+Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
+
+@db.command("upgrade")
+def upgrade_archive(
+    data: Data = DATA,
+    backup_file: Annotated[
+        Path | None, typer.Option("--backup", help="New file for the backup; in the data folder if left out.")
+    ] = None,
+    no_backup: Annotated[bool, typer.Option("--no-backup", help="Upgrade without a backup.")] = False,
+) -> None:
+    """Bring an archive of an older version to this one, after a backup; all or nothing."""
+    place = place_of(data)
+    if isinstance(place, Path) and not place.is_file():
+        raise no_archive(place)
+    with FolderLock(data):
+        found = version_of(place)
+        if found == SCHEMA_VERSION:
+            return _say(f"Archive {shown(place)} has schema version {found} already.")
+        if found is not None and not no_backup:
+            if not isinstance(place, Path):
+                raise DatabaseError(
+                    "backup: expected one by PostgreSQL's own pg_dump before an upgrade, got none; "
+                    "make it, then repeat the command with --no-backup"
+                )
+            file = backup_file or data / f"coastarc-version-{found}-{time.strftime('%Y%m%d-%H%M%S')}.db"
+            backup(place, file)
+            _say(f"Backup:  {file}")
+        upgrade(place)
+    _say(f"Archive {shown(place)} has schema version {SCHEMA_VERSION} now; it had {found or 'none'}.")
+
+
+@db.command("check")
+def check_archive(data: Data = DATA, as_json: Json = False) -> None:
+    """Check file, references, tables and totals, and count the rows; exit code 1 where one failed."""
+    checks = check(place_of(data))
+    if as_json:
+        typer.echo(json.dumps([entry.model_dump() for entry in checks], indent=2))
+    else:
+        rows = terminal.table("check", "state", "found", "what to do")
+        for entry in checks:
+            rows.add_row(entry.name, entry.state, entry.found, entry.advice)
+        Console().print(rows)
+    if any(entry.state == "failed" for entry in checks):
+        raise typer.Exit(1)
+
+
+@db.command("backup")
+def back_up_archive(
+    file: Annotated[Path, typer.Argument(help="New file for the backup.")], data: Data = DATA
+) -> None:
+    """Write an archive to one file, as it is at one moment; campaigns go on meanwhile."""
+    backup(place_of(data), file)
+    _say(f"Backup: {file}, {file.stat().st_size / 1e6:.1f} MB; back with `coastarc db restore {file}`")
+
+
+@db.command("restore")
+def restore_archive(file: Annotated[Path, typer.Argument(help="A backup.")], data: Data = DATA) -> None:
+    """Fill an empty data folder, or an empty PostgreSQL database, from a backup."""
+    make_folder(data)
+    place = place_of(data)
+    with FolderLock(data):
+        version = restore(file, place)
+    news = "" if version == SCHEMA_VERSION else "; bring it to this version with `coastarc db upgrade`"
+    _say(f"Archive {shown(place)} is that of {file}, schema version {version}{news}.")
+
+
+def _say(message: str) -> None:
+    typer.echo(message)

@@ -1,0 +1,69 @@
+"""`coastarc dispatch`: an executor of this machine, or a Ray cluster, works for a running coordinator."""
+
+import threading
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from pydantic import SecretStr
+
+from service.cli.options import WORKERS, Url, token_of
+from workers.dispatch import EXECUTOR_LOST, RUNNER, DispatchOrder, ExecutorKind, dispatch, stop_on_signals
+from workers.executor import ExecutorError, ExecutorLost
+
+#: Of what is worked on elsewhere, a dispatcher needs neither archive nor page.
+Address = Annotated[str, typer.Option(help="Ray cluster to join, as host:port; local starts one.")]
+
+
+class DispatchError(RuntimeError):
+    """Options of a dispatcher that do not go together."""
+
+
+def dispatch_command(
+    url: Url,
+    executor: Annotated[ExecutorKind, typer.Option(help="What runs the jobs.")] = ExecutorKind.PROCESS,
+    workers: Annotated[
+        int | None, typer.Option(min=1, max=1024, help="Jobs at a time; one per core if left out.")
+    ] = None,
+    address: Address = "local",
+    token_file: Annotated[
+        Path | None, typer.Option(help="File with a worker's token; COASTARC_TOKEN_FILE if left out.")
+    ] = None,
+    cluster_token: Annotated[
+        Path | None, typer.Option(help="File with the token of the Ray cluster, mode 0600.")
+    ] = None,
+    campaign: Annotated[int | None, typer.Option(min=1, help="Work for this campaign only.")] = None,
+    runner: Annotated[str, typer.Option(hidden=True)] = RUNNER,
+) -> None:
+    """Work for a coordinator, here or elsewhere, until interrupted; several may work for one."""
+    token = token_of(token_file)
+    order = DispatchOrder(
+        url=url,
+        token=None if token is None else SecretStr(token),
+        executor=executor,
+        n_workers=_n_workers(executor, workers, address),
+        address=address,
+        cluster_token=cluster_token,
+        campaign_id=campaign,
+        runner=runner,
+    )
+    stop = threading.Event()
+    stop_on_signals(stop)
+    typer.echo(f"Working for {url} by executor {executor.value}; Ctrl-C hands in what there is.", err=True)
+    try:
+        dispatch(order, stop)
+    except ExecutorLost as error:
+        typer.echo(f"error: {error}", err=True)
+        raise typer.Exit(EXECUTOR_LOST) from None
+
+
+def _n_workers(executor: ExecutorKind, workers: int | None, address: str) -> int | None:
+    if executor is ExecutorKind.RAY:
+        if address != "local" and workers is not None:
+            raise ExecutorError(f"--workers: expected none with a cluster that has its own, got {workers}")
+        return workers
+    if address != "local":
+        raise DispatchError(f"--address: expected --executor ray with it, got {executor.value}")
+    if executor is ExecutorKind.INLINE and workers not in (None, 1):
+        raise DispatchError(f"--workers: expected 1 with --executor inline, got {workers}")
+    return workers or WORKERS

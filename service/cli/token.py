@@ -1,0 +1,164 @@
+"""`coastarc token`: who may use a coordinator.
+
+Without --url the archive itself is opened, which needs the coordinator to be stopped, since an archive has
+one writer; with --url the coordinator is asked, with the administrator's token of COASTARC_TOKEN(_FILE).
+"""
+
+import json
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+from urllib.parse import quote
+
+import httpx
+import typer
+from platformdirs import user_data_path
+from pydantic import BaseModel, ValidationError
+from rich.console import Console
+
+from core.faults import fault_lines
+from service.access.rights import Role
+from service.api.identity_schemas import NewToken, TokenPage, TokenRequest, TokenView
+from service.cli import terminal
+from service.coordinator.lock import FolderLock, LockError
+from service.db.errors import unusable
+from service.settings import Settings
+from service.store import Store
+
+token = typer.Typer(help="Make, list and revoke tokens.", no_args_is_help=True)
+
+Data = Annotated[Path, typer.Option(help="Folder of the archive.", envvar="COASTARC_DATA")]
+DATA = user_data_path("coastarc")
+Url = Annotated[str | None, typer.Option(help="Coordinator to ask, if one is running.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+Out = Annotated[Path | None, typer.Option(help="New file for the token, for nobody else to read.")]
+
+
+class TokenError(RuntimeError):
+    """A token that could not be made, listed, revoked or handed over."""
+
+
+@token.command("create")
+def create(
+    name: Annotated[str, typer.Argument(help="Name that the audit will show.")],
+    role: Annotated[Role, typer.Option(help="What it is for.")] = Role.VIEWER,
+    days: Annotated[float, typer.Option(help="For how long it is valid.")] = 90.0,
+    out: Out = None,
+    data: Data = DATA,
+    url: Url = None,
+    as_json: Json = False,
+) -> None:
+    """Make a token.  It is shown this once; only a hash of it is kept."""
+    wanted = _request(name, role, days)
+    if out is not None and out.exists():
+        raise TokenError(f"--out: expected a file that is not there yet, got {out}")
+    if url is None:
+        with _archive(data) as store:
+            made = store.identities.create(wanted.name, wanted.role, wanted.days)
+    else:
+        made = NewToken.model_validate(_ask(url, "POST", "/tokens", wanted))
+    if out is not None:
+        _write_private(out, made.token)
+        typer.echo(f"{made.role.value} token {made.name} is in {out}, valid until {made.expires_at:%Y-%m-%d}")
+    elif as_json:
+        _print_json(made)
+    else:
+        typer.echo(made.token)
+        typer.echo(f"Shown this once; valid until {made.expires_at:%Y-%m-%d}.", err=True)
+
+
+@token.command("list")
+def list_tokens(data: Data = DATA, url: Url = None, as_json: Json = False) -> None:
+    """List the tokens, without their secrets."""
+    if url is None:
+        with Store(data, read_only=True) as store:
+            page = TokenPage(items=store.identities.tokens())
+    else:
+        page = TokenPage.model_validate(_ask(url, "GET", "/tokens"))
+    if as_json:
+        _print_json(page)
+        return
+    rows = terminal.table("name", "role", "state", "until", "last used")
+    for item in page.items:
+        used = f"{item.last_used_at:%Y-%m-%d %H:%M}" if item.last_used_at else "never"
+        rows.add_row(item.name, item.role.value, item.state, f"{item.expires_at:%Y-%m-%d}", used)
+    Console(width=None if sys.stdout.isatty() else 140).print(rows)
+
+
+@token.command("revoke")
+def revoke(
+    name: Annotated[str, typer.Argument(help="Name or id.")],
+    data: Data = DATA,
+    url: Url = None,
+    as_json: Json = False,
+) -> None:
+    """End a token and the sessions that were opened with it."""
+    if url is None:
+        with _archive(data) as store:
+            ended = store.identities.revoke(name)
+    else:
+        ended = TokenView.model_validate(_ask(url, "DELETE", f"/tokens/{quote(name, safe='')}"))
+    if as_json:
+        _print_json(ended)
+    else:
+        typer.echo(f"token {ended.name} is {ended.state}")
+
+
+@contextmanager
+def _archive(data: Path) -> Iterator[Store]:
+    try:
+        data.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise unusable(data, str(error.strerror)) from error
+    try:
+        lock = FolderLock(data).__enter__()
+    except LockError as error:
+        advice = "or ask that coordinator with --url and an administrator's token in COASTARC_TOKEN"
+        raise TokenError(f"{error}, {advice}") from None
+    try:
+        with Store(data) as store:
+            yield store
+    finally:
+        lock.__exit__()
+
+
+def _request(name: str, role: Role, days: float) -> TokenRequest:
+    try:
+        return TokenRequest(name=name, role=role, days=days)
+    except ValidationError as error:
+        raise TokenError("\n".join(fault_lines("token", error.errors()))) from None
+
+
+def _ask(url: str, method: str, path: str, body: BaseModel | None = None) -> Any:
+    mine = Settings.from_environment().token
+    headers = {"Authorization": f"Bearer {mine.get_secret_value()}"} if mine else {}
+    fields = None if body is None else body.model_dump(mode="json")
+    try:
+        answer = httpx.request(
+            method, f"{url.rstrip('/')}/api/v1{path}", json=fields, headers=headers, timeout=30
+        )
+        content = answer.json()
+    except (httpx.TransportError, httpx.InvalidURL, ValueError) as error:
+        raise TokenError(f"coordinator: expected one at {url}, got {error}") from None
+    if answer.is_error:
+        raise TokenError(str(content.get("detail", answer.status_code)))
+    return content
+
+
+def _write_private(path: Path, secret: str) -> None:
+    # Made with its mode, not given it afterwards: in between others could read.
+    try:
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    except OSError as error:
+        # The token is made already; without this it would be lost.
+        typer.echo(secret)
+        raise TokenError(f"--out: expected a file to write, got {path}: {error.strerror}") from None
+    with os.fdopen(descriptor, "w") as file:
+        file.write(secret + "\n")
+
+
+def _print_json(content: BaseModel) -> None:
+    typer.echo(json.dumps(content.model_dump(mode="json"), indent=2))

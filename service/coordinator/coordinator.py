@@ -1,0 +1,193 @@
+"""A coordinator: archive, web server and reaper, and the dispatcher that it keeps as a child."""
+
+import hashlib
+import platform
+import socket
+import threading
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import uvicorn
+from pydantic import SecretStr
+
+from service.access.rights import Role
+from service.access.security import Access, access_on
+from service.app import create_app
+from service.coordinator.lock import FolderLock
+from service.coordinator.reaper import Reaper
+from service.coordinator.supervisor import Supervisor
+from service.db.engine import unusable
+from service.scheduler.leases import LeaseSettings
+from service.settings import Settings
+from service.store import Store
+from workers.dispatch import RUNNER, DispatchOrder, ExecutorKind
+
+#: How long the web server may take to start or to stop [s].
+SERVER_PATIENCE_S = 10.0
+#: The token of the dispatcher; made anew at every start, and gone with the coordinator [days].
+TOKEN_NAME, TOKEN_DAYS = "own dispatcher", 3650.0
+
+
+class CoordinatorError(RuntimeError):
+    """A part of the coordinator that failed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Crew:
+    """What the dispatcher of a coordinator works with."""
+
+    n_workers: int | None = None
+    executor: ExecutorKind = ExecutorKind.PROCESS
+    #: What calls the solver, as module:name.
+    runner: str = RUNNER
+
+
+def local_prefix(folder: Path) -> str:
+    """Return how the names of workers begin that end with the coordinator of a data folder.
+
+    The next coordinator of the folder need not wait for their leases.
+    """
+    digest = hashlib.blake2b(str(folder.resolve()).encode(), digest_size=4).hexdigest()
+    return f"local:{platform.node()[:60]}:{digest}:".encode("ascii", "replace").decode()
+
+
+def open_port(host: str, port: int) -> socket.socket:
+    """Return a bound socket; port 0 takes any that is free."""
+    listener = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((host, port))
+    except socket.gaierror as error:
+        listener.close()
+        raise CoordinatorError(
+            f"host {host}: expected an address of this machine, got {error.strerror}; use --host"
+        ) from error
+    except OSError as error:
+        listener.close()
+        raise CoordinatorError(
+            f"port {port}: expected a free one, got {error.strerror}; use --port"
+        ) from error
+    return listener
+
+
+class WebServer:
+    """uvicorn on a thread, so that the main thread keeps the terminal and its signals."""
+
+    def __init__(self, store: Store, listener: socket.socket, host: str, access: Access) -> None:
+        #: How this machine reaches it: an address that stands for all of them is nobody's.
+        reached = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
+        shown = f"[{reached}]" if ":" in reached else reached
+        self.url = f"http://{shown}:{listener.getsockname()[1]}"
+        self._closing = threading.Event()
+        app = create_app(store, self._closing.is_set, access)
+        # Which proxy is believed is decided by `service.access.security`, which has to see who really sends.
+        config = uvicorn.Config(
+            app, log_level="warning", access_log=False, proxy_headers=False, timeout_graceful_shutdown=2
+        )
+        self._server = uvicorn.Server(config)
+        self._thread = threading.Thread(target=self._server.run, args=([listener],), name="web", daemon=True)
+
+    def start(self) -> None:
+        """Return when requests are answered."""
+        self._thread.start()
+        deadline = time.monotonic() + SERVER_PATIENCE_S
+        while not self._server.started:
+            if not self._thread.is_alive() or time.monotonic() > deadline:
+                raise CoordinatorError(f"web server: expected to start at {self.url}, got no answer")
+            time.sleep(0.01)
+
+    def stop(self) -> None:
+        """End the streams, then the server."""
+        self._closing.set()
+        self._server.should_exit = True
+        self._thread.join(SERVER_PATIENCE_S)
+
+
+class Coordinator:
+    """Owns a data folder while it is open; jobs that a dead predecessor left go back to the queue."""
+
+    def __init__(
+        self,
+        folder: Path,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        leases: LeaseSettings = LeaseSettings(),  # noqa: B008
+    ) -> None:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise unusable(folder, error.strerror) from error
+        self._lock = FolderLock(folder)
+        self._folder = folder
+        self._address = (host, port)
+        self._stop = threading.Event()
+        self._reaper: threading.Thread | None = None
+        self._leases = leases
+        self._supervisor: Supervisor | None = None
+
+    def __enter__(self) -> Self:
+        """Open archive and web server; no work begins yet."""
+        with ExitStack() as opened:
+            listener = opened.enter_context(open_port(*self._address))
+            opened.enter_context(self._lock)
+            self.store = opened.enter_context(Store(self._folder, leases=self._leases))
+            self.n_recovered = self.store.recover(local_prefix(self._folder))
+            host = self._address[0]
+            access = access_on(host, Settings.from_environment(), self.store.identities.has_token)
+            self._server = WebServer(self.store, listener, host, access)
+            self._server.start()
+            self._reaper = threading.Thread(target=Reaper(self.store, self._stop).run, name="reaper")
+            self._reaper.start()
+            # All of it stays open until `__exit__`.
+            opened.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Stop in the order of the data: solves, then pages, then the archive."""
+        if self._supervisor is not None:
+            self._supervisor.stop()
+        self._stop.set()
+        if self._reaper is not None:
+            self._reaper.join()
+        self._server.stop()
+        self.store.close()
+        self._lock.__exit__()
+
+    @property
+    def url(self) -> str:
+        """Where the page is."""
+        return self._server.url
+
+    @property
+    def dispatcher_pid(self) -> int | None:
+        """The process id of the dispatcher, if one runs."""
+        return self._supervisor.pid if self._supervisor else None
+
+    def work(self, crew: Crew, campaign_id: int | None = None) -> None:
+        """Begin to run jobs of one campaign, or of all, by a dispatcher that ends with the coordinator."""
+
+        def order() -> DispatchOrder:
+            # A token for each child, which has it in memory alone.
+            made = self.store.identities.replace(TOKEN_NAME, Role.WORKER, TOKEN_DAYS)
+            return DispatchOrder(
+                url=self.url,
+                token=SecretStr(made.token),
+                executor=crew.executor,
+                n_workers=crew.n_workers,
+                # Beside the archive, where a service may write; a home need not be.
+                cluster_token=self._folder / "ray.token" if crew.executor is ExecutorKind.RAY else None,
+                campaign_id=campaign_id,
+                runner=crew.runner,
+                prefix=local_prefix(self._folder),
+            )
+
+        self._supervisor = Supervisor(order)
+        self._supervisor.start()
+
+    def raise_fault(self) -> None:
+        """Raise what keeps every dispatcher from working, if something does."""
+        if self._supervisor is not None and self._supervisor.fault is not None:
+            raise CoordinatorError(self._supervisor.fault)

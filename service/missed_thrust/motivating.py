@@ -1,0 +1,161 @@
+"""The paper's motivating example: an outage of 60 hours on the first burn of a nominal transfer.
+
+The nominal transfer is solved from a stored start, the recovery from nothing but what is left of it; both are
+flown again by the verifier.  The paper's own trajectory is not public, so the numbers differ from its own.
+"""
+
+import json
+from dataclasses import dataclass
+from importlib.resources import files
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.analysis.coverage import THRUSTING
+from core.analysis.flight import Flight, FlownTrajectory, fly
+from core.analysis.missed_thrust import attempt, missed_thrust
+from core.analysis.verify import verify
+from core.constants import SECONDS_PER_DAY
+from core.nlp import solve
+from core.orbits import departure_state
+from core.problem import Problem, calendar_epoch, load_problem, seconds_past_j2000
+from core.search import solve_recovery
+from core.transcription import transcribe
+from service.api.schemas import Answer
+
+Array = NDArray[np.float64]
+
+PRESET, OUTAGE_DAYS = "ppe-drm3", 2.5
+#: Start of the spiral that ends in the preset's departure; examples/spiral.toml.
+SPIRAL_EPOCH = "2025-11-01T00:00:00"
+
+
+class NoExample(RuntimeError):
+    """A solve of the example that does not close on this machine."""
+
+
+class Side(Answer):
+    """The nominal transfer, or the one flown under the outage."""
+
+    #: Since the departure from the spiral, and with the spiral.
+    propellant_kg: float
+    propellant_total_kg: float
+    final_mass_kg: float
+    #: End of the last burn, after which it coasts on the target.
+    last_burn_epoch: str
+    #: Until then, since the departure from the spiral and since the start of the spiral.
+    transfer_days: float
+    flight_days: float
+    #: Time average from the start of the outage to the end of the last burn.
+    mean_throttle: float
+    #: Largest position defect by the verifier.
+    position_defect_km: float
+
+
+class MotivatingView(Answer):
+    """What the outage costs."""
+
+    outage_segment: int
+    outage_days: float
+    outage_epoch: str
+    nominal: Side
+    recovered: Side
+    propellant_change_kg: float
+    arrival_change_days: float
+    mean_throttle_change_percent: float
+    strict: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Example:
+    """The example with what its pictures are drawn from."""
+
+    view: MotivatingView
+    problem: Problem
+    flight: Flight
+
+
+def motivating() -> Example:
+    """Solve, miss the first burn, recover, verify; a minute's work.
+
+    Raises
+    ------
+    NoExample
+        When one of the two solves does not close on this machine.
+    """
+    problem = load_problem(PRESET)
+    nominal = solve(transcribe(problem), _start())
+    if not nominal.is_feasible:
+        raise NoExample(f"nominal transfer: expected a solution, got {nominal.status.name}")
+    robust = problem.with_outages([(_first_burn(problem, nominal.x), OUTAGE_DAYS)])
+    recovered = solve_recovery(problem, nominal.x, robust)
+    if not recovered.is_feasible:
+        raise NoExample(f"recovery: expected a solution, got {recovered.status.name}")
+    return Example(_view(robust, recovered.x), robust, fly(robust, recovered.x))
+
+
+def _start() -> Array:
+    """Return the stored start of the nominal transfer."""
+    text = (files("service.missed_thrust") / "motivating.json").read_text(encoding="utf-8")
+    stored = json.loads(text)
+    controls = np.array(stored["controls"]).ravel()
+    return np.concatenate([stored["times_days"], controls, [stored["final_mass_kg"]]])
+
+
+def _first_burn(problem: Problem, x: Array) -> int:
+    """Return the first segment of a reference that thrusts, counted from 1."""
+    return int(np.flatnonzero(x[3 : 3 + 3 * problem.n_segments : 3] > THRUSTING)[0]) + 1
+
+
+def _view(problem: Problem, x: Array) -> MotivatingView:
+    flown = fly(problem, x).trajectories
+    judged = verify(problem, x)
+    found = missed_thrust(problem, x, [attempt(problem, x)])
+    begun, late = float(found.starts_days[0]), float(found.delay_days[0, 0])
+    arrivals = (found.arrival_days, found.arrival_days + late)
+    masses = (found.final_mass_kg, found.final_mass_kg - float(found.propellant_kg[0, 0]))
+    nominal, recovered = (
+        _side(problem, flown[i], begun, arrivals[i], masses[i], float(judged.position_km[i])) for i in (0, 1)
+    )
+    return MotivatingView(
+        outage_segment=problem.outages[0].segment,
+        outage_days=OUTAGE_DAYS,
+        outage_epoch=_epoch(problem, begun),
+        nominal=nominal,
+        recovered=recovered,
+        propellant_change_kg=recovered.propellant_kg - nominal.propellant_kg,
+        arrival_change_days=late,
+        mean_throttle_change_percent=100.0 * (recovered.mean_throttle / nominal.mean_throttle - 1.0),
+        strict=judged.strict,
+    )
+
+
+def _side(
+    problem: Problem, flown: FlownTrajectory, begun: float, arrival: float, mass: float, defect: float
+) -> Side:
+    start = departure_state(problem.departure, problem.spacecraft)
+    spiral = (start.et - seconds_past_j2000(SPIRAL_EPOCH)) / SECONDS_PER_DAY
+    return Side(
+        propellant_kg=start.mass_kg - mass,
+        propellant_total_kg=problem.spacecraft.wet_mass_kg - mass,
+        final_mass_kg=mass,
+        last_burn_epoch=_epoch(problem, arrival),
+        transfer_days=arrival,
+        flight_days=spiral + arrival,
+        mean_throttle=mean_throttle(flown, begun, arrival),
+        position_defect_km=defect,
+    )
+
+
+def mean_throttle(flown: FlownTrajectory, begin: float, end: float) -> float:
+    """Return the time average of the throttle between two epochs [days past departure]."""
+    total = 0.0
+    for arc in flown.arcs:
+        a, b = flown.days[arc.first], flown.days[arc.stop - 1]
+        total += arc.throttle * max(0.0, min(b, end) - max(a, begin))
+    return float(total / (end - begin))
+
+
+def _epoch(problem: Problem, days: float) -> str:
+    start = departure_state(problem.departure, problem.spacecraft)
+    return calendar_epoch(start.et + days * SECONDS_PER_DAY)

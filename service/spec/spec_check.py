@@ -1,0 +1,160 @@
+"""A specification as somebody types it: each fault with its place and line, or what would be run."""
+
+import json
+import re
+import tomllib
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+from pydantic import ValidationError
+
+from core.faults import fault_lines
+from service.spec import Spec, SpecError, spec_from
+from service.spec.resolve import require_flyable
+from service.spec.search_spec import SearchSpec, Seeds
+from service.spec.toml_lines import line_of, syntax_fault
+
+_OF_SEARCH = re.compile(r"search (.+?): (?:problem: )?(?:(\w+)(?:\.\w+)*: )?", re.DOTALL)
+_SAME_ID = re.compile(r"expected different ids, got '(.+?)'")
+_PLACE = re.compile(r"spec((?:\.[\w-]+)*): ")
+
+
+class Fault(NamedTuple):
+    """Something that has to be changed before the specification can be run."""
+
+    #: Names, and places in lists from 0 on, as in search.1.strategy; empty where it is about the whole.
+    path: str
+    #: Counted from 1; None where there is no text, or it says nothing about it.
+    line: int | None
+    message: str
+
+
+class Checked(NamedTuple):
+    """What a text holds: its fields as far as it can be read, and a specification if it can be run."""
+
+    faults: list[Fault]
+    fields: dict[str, Any] | None
+    spec: Spec | None
+
+
+def check_text(text: str) -> Checked:
+    """Read a specification from TOML, or from JSON if it begins like it."""
+    is_json = text.lstrip().startswith("{")
+    try:
+        fields = json.loads(text) if is_json else tomllib.loads(text)
+    except json.JSONDecodeError as error:
+        return Checked([Fault("", error.lineno, f"expected JSON, got a fault: {error.msg}")], None, None)
+    except (ValueError, RecursionError) as error:
+        words, line = syntax_fault(ValueError(str(error)), text)
+        return Checked([Fault("", line, f"expected TOML, got a fault: {words}")], None, None)
+    return check_fields(fields, "" if is_json else text)
+
+
+def check_fields(fields: Any, text: str = "") -> Checked:
+    """Check plain data; `text` is what it was read from, if it is known."""
+    try:
+        spec = spec_from(fields)
+        require_flyable(spec.problem)
+    except SpecError as error:
+        known = fields if isinstance(fields, dict) else {}
+        faults = [_fault(message, known, text) for message in _messages(error)]
+        return Checked(faults, None, None)
+    return Checked([], fields, spec)
+
+
+def _messages(error: SpecError) -> Iterator[str]:
+    cause = error.__cause__
+    if isinstance(cause, ValidationError):
+        yield from fault_lines("spec", cause.errors(include_url=False), Spec)
+    else:
+        yield str(error)
+
+
+def _fault(message: str, fields: dict[str, Any], text: str) -> Fault:
+    place = _PLACE.match(message)
+    named = place[1].split(".") if place else []
+    path: list[str | int] = [int(part) if part.isdecimal() else part for part in named if part]
+    words = message[place.end() :] if place else message
+    path += _named_in(words, fields, path)
+    if path and words.startswith(f"{path[-1]}: "):
+        words = words.removeprefix(f"{path[-1]}: ")
+    return Fault(".".join(map(str, path)), line_of(text, path), words)
+
+
+def _named_in(words: str, fields: dict[str, Any], path: Sequence[str | int]) -> list[str | int]:
+    """Return the place that the words of a fault name, where it is between searches or fields of one."""
+    if path:
+        field = re.match(r"(\w+)(?:\.\w+)*: ", words) if path[0] == "search" else None
+        return _field_of(field[1]) if field and field[1] not in path else []
+    searches = fields.get("search")
+    ids = [one.get("id") for one in searches if isinstance(one, dict)] if isinstance(searches, list) else []
+    if (found := _OF_SEARCH.match(words)) and found[1] in ids:
+        return ["search", ids.index(found[1]), *_field_of(found[2])]
+    if (found := _SAME_ID.search(words)) and found[1] in ids:
+        return ["search", len(ids) - 1 - ids[::-1].index(found[1]), "id"]
+    return []
+
+
+def _field_of(name: str | None) -> list[str | int]:
+    return [name] if name in SearchSpec.model_fields else []
+
+
+class Planned(NamedTuple):
+    """What one search will do, at most."""
+
+    id: str
+    strategy: str
+    n_cases: int
+    #: None where a budget in core seconds or solutions is the only bound.
+    n_guesses_most: int | None
+    #: Time that all of its solves are allowed [h]; None where their number is open.
+    core_hours_most: float | None
+    seeds_from: str | None
+
+
+def planned(spec: Spec) -> list[Planned]:
+    """Return what each search will do, in the order of the specification."""
+    most = {search.id: _guesses_most(search, {}) for _, search in spec.in_order if search.seed_k is None}
+    for _, search in spec.in_order:
+        if search.seed_k is not None:
+            most[search.id] = _guesses_most(search, most)
+    return [_planned(search, most[search.id]) for search in spec.search]
+
+
+def _planned(search: SearchSpec, n_most: int | None) -> Planned:
+    hours = None if n_most is None else n_most * search.cpu_seconds * (1 + search.k) / 3600.0
+    if search.core_seconds is not None:
+        hours = min(search.core_seconds / 3600.0, hours if hours is not None else float("inf"))
+    source = search.seeds.full_name if search.seeds else None
+    return Planned(search.id, search.strategy, len(search.outage_sets), n_most, hours, source)
+
+
+def _guesses_most(search: SearchSpec, most: dict[str, int | None]) -> int | None:
+    seeds = search.seeds
+    if seeds is None:
+        return search.guesses
+    known = _known(seeds, most)
+    bounds = [n for n in (known, seeds.limit) if n is not None]
+    if not bounds:
+        return search.guesses
+    mapped = min(bounds) * len(search.mapping) * _cases_per_seed(search, seeds)
+    return mapped if search.guesses is None else min(mapped, search.guesses)
+
+
+def _known(seeds: Seeds, most: dict[str, int | None]) -> int | None:
+    """Return how many seeds there are at most, as far as the specification tells."""
+    if seeds.source is None:
+        return 1
+    return None if seeds.campaign is not None else most.get(seeds.source)
+
+
+def _cases_per_seed(search: SearchSpec, seeds: Seeds) -> int:
+    """Return how many cases a seed is mapped to at most."""
+    if seeds.pairing == "round-robin":
+        return 1
+    if search.k != search.seed_k:
+        return len(search.outage_sets)
+    # Longer outages are in the same segments as the seed's.
+    places = Counter(tuple(segment for segment, _ in case) for case in search.outage_sets)
+    return max(places.values())
