@@ -10,6 +10,8 @@ import typer
 from platformdirs import user_data_path
 from pydantic import BaseModel, TypeAdapter
 from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from service.client import Client
 from service.settings import Settings, SettingsError
@@ -19,6 +21,7 @@ DEFAULT_URL = f"http://127.0.0.1:{DEFAULT_PORT}"
 DATA = user_data_path("coastarc")
 WORKERS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
+SpecFile = Annotated[Path, typer.Argument(help="Campaign specification, .toml or .json.")]
 Data = Annotated[Path, typer.Option(help="Folder of the archive.", envvar="COASTARC_DATA")]
 Workers = Annotated[int, typer.Option(min=1, max=1024, help="Worker processes; one per core if left out.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
@@ -30,6 +33,7 @@ MaybeUrl = Annotated[
 
 # What is piped into a file has no width to respect.
 console = Console(width=None if sys.stdout.isatty() else 140)
+errors = Console(stderr=True)
 
 
 def client_of(url: str) -> Client:
@@ -56,3 +60,17 @@ def print_json(content: Any) -> None:
     """Print an answer as JSON."""
     plain = content.model_dump(mode="json") if isinstance(content, BaseModel) else content
     typer.echo(json.dumps(TypeAdapter(Any).dump_python(plain, mode="json"), indent=2))
+
+
+def show(content: Any, table: Table, as_json: bool) -> None:
+    """Print an answer as JSON, or as the table that it makes."""
+    if as_json:
+        print_json(content)
+    else:
+        console.print(table)
+
+
+def complain(message: str) -> None:
+    """Print an error in one line."""
+    # As text: what users typed may look like markup.
+    errors.print(Text.assemble(("error: ", "red"), message), soft_wrap=True)

@@ -6,12 +6,11 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from platformdirs import user_data_path
 
+from service.cli.options import DATA, Data
 from service.store import Store
 
 Campaign = Annotated[str, typer.Argument(help="Id of a campaign, or its name; the newest of that name.")]
-Data = Annotated[Path, typer.Option(help="Folder of the archive.", envvar="COASTARC_DATA")]
 Out = Annotated[Path | None, typer.Option(help="Folder to write to; report-NAME here if left out.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the tables as JSON, and write nothing.")]
 
@@ -22,7 +21,7 @@ class ReportError(RuntimeError):
 
 def report(
     campaign: Campaign,
-    data: Data = user_data_path("coastarc"),
+    data: Data = DATA,
     out: Out = None,
     as_json: Json = False,
 ) -> None:

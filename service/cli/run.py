@@ -1,15 +1,23 @@
-"""What `coastarc run` and `coastarc serve` do while they wait."""
+"""`coastarc run` and `coastarc serve`: campaigns on this machine, and what is shown meanwhile."""
 
 import time
+from typing import Annotated
 
+import typer
 from rich.console import Console
 from rich.live import Live
 
+from service import logs
+from service.api.schemas import CampaignView, JobView
 from service.cli import terminal
+from service.cli.options import DATA, DEFAULT_PORT, WORKERS, Data, SpecFile, Workers, complain, console
 from service.coordinator import Coordinator, Crew
+from service.spec import load_spec
+from service.spec.resolve import require_flyable
 from workers.dispatch import RUNNER, ExecutorKind
 
-__all__ = ["RUNNER", "announce", "crew_of", "run_to_end", "serve_until_interrupted"]
+Host = Annotated[str, typer.Option(help="Address to serve on; another than loopback asks for tokens.")]
+Executor = Annotated[ExecutorKind, typer.Option(help="What runs the jobs.")]
 
 #: How often the terminal is drawn again, and a log gets a line [s].
 TERMINAL_PERIOD_S = 1.0
@@ -18,6 +26,77 @@ LOG_PERIOD_S = 20.0
 STATE_PERIOD_S = 0.5
 #: States in which a campaign may go on: who paused it may resume it.
 UNFINISHED = ("active", "paused")
+
+
+def run(
+    spec: SpecFile,
+    data: Data = DATA,
+    workers: Workers = WORKERS,
+    executor: Executor = ExecutorKind.PROCESS,
+    host: Host = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0 takes a free one.")] = 0,
+) -> None:
+    """Run a campaign on this machine to its end; the same command goes on after an interruption."""
+    specification = load_spec(spec)
+    require_flyable(specification.problem)
+    # The terminal shows how far it is; a line beside that is for what goes wrong.
+    logs.configure(level="WARNING")
+    with Coordinator(data, host, port) as coordinator:
+        campaign_id, is_new = coordinator.store.submit(specification)
+        if n_revived := coordinator.store.revive(campaign_id):
+            console.print(f"{n_revived} jobs that failed before are tried again.")
+        is_finished = _go_on(coordinator, campaign_id, is_new, crew_of(executor, workers))
+        view = coordinator.store.campaign(campaign_id)
+        dead = coordinator.store.jobs(campaign_id, None, "dead", limit=1).items
+    _conclude(view, dead, is_finished)
+
+
+def _go_on(coordinator: Coordinator, campaign_id: int, is_new: bool, crew: Crew) -> bool:
+    """Run what is left of a campaign; return whether it is at its end."""
+    state = coordinator.store.campaign(campaign_id).state
+    if state in ("done", "cancelled"):
+        how = "run" if state == "done" else "cancelled"
+        console.print(f"Campaign {campaign_id} has been {how} before; nothing is left to do.")
+        return True
+    announce(console, coordinator, f"/campaigns/{campaign_id}")
+    if not is_new:
+        console.print(f"Going on with campaign {campaign_id}, which was begun before.")
+    if state == "paused":
+        coordinator.store.control_campaign(campaign_id, "resume")
+    return run_to_end(console, coordinator, campaign_id, crew)
+
+
+def _conclude(view: CampaignView, dead: list[JobView], is_finished: bool) -> None:
+    console.print(terminal.summary(view))
+    if dead:
+        n_dead = sum(search.jobs.dead for search in view.searches)
+        complain(f"{n_dead} jobs failed, the first with: {dead[0].error}")
+        raise typer.Exit(1)
+    if not is_finished:
+        console.print("Interrupted; every result is kept, and the same command goes on.")
+        raise typer.Exit(130)
+    console.print("See all with `coastarc solutions list`, or in the browser with `coastarc serve`.")
+
+
+def serve(
+    data: Data = DATA,
+    workers: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            max=1024,
+            help="Worker processes, one per core if left out; 0 leaves the work to others.",
+        ),
+    ] = WORKERS,
+    executor: Executor = ExecutorKind.PROCESS,
+    host: Host = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page and the API.")] = DEFAULT_PORT,
+) -> None:
+    """Serve the page and the API, and work on every campaign that is submitted, until interrupted."""
+    logs.configure()
+    with Coordinator(data, host, port) as coordinator:
+        announce(console, coordinator)
+        serve_until_interrupted(coordinator, crew_of(executor, workers))
 
 
 def crew_of(executor: ExecutorKind, n_workers: int) -> Crew:

@@ -294,7 +294,7 @@ def test_serve_works_on_what_is_submitted_and_stops_with_a_reader_connected(tmp_
 def test_coordinators_write_their_logs_as_lines_of_json(coastarc, spec_file, monkeypatch):
     levels = []
     monkeypatch.setattr(logs, "configure", lambda level=logging.INFO: levels.append(level))
-    monkeypatch.setattr("service.cli.command.serve_until_interrupted", lambda *_: None)
+    monkeypatch.setattr("service.cli.run.serve_until_interrupted", lambda *_: None)
     assert coastarc("serve", "--port", 0)[0] == 0 and coastarc("run", spec_file)[0] == 0
     assert levels == [logging.INFO, "WARNING"]
 
