@@ -13,7 +13,7 @@ from tests.service.campaigns import OUTAGE, finish, spec_fields, submitted
 from workers import run
 from workers.inline import Inline
 
-SEED = np.array(json.loads((Path(__file__).parent / "data" / "strict_p0.json").read_text())["x"])
+SEED = np.array(json.loads((Path(__file__).parents[1] / "data" / "strict_p0.json").read_text())["x"])
 
 
 def found_at_once(transcription, guess, settings, stop=lambda: False):

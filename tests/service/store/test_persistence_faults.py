@@ -15,9 +15,9 @@ from service.scheduler.leases import LeaseSettings
 from service.store import Store
 from tests.service.by_hand import worker_info
 from tests.service.campaigns import content, spec_fields, submitted
+from tests.service.coordinator.test_dispatch import start, undisturbed, wait_for  # noqa: F401 - a fixture
 from tests.service.databases import rows
-from tests.service.test_dispatch import start, undisturbed, wait_for  # noqa: F401 - a fixture
-from tests.service.test_engine import limit_pages
+from tests.service.db.test_engine import limit_pages
 from tests.workers.fake import run_fake
 from workers.client import Api, HttpSource
 from workers.dispatcher import Dispatcher

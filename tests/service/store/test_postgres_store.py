@@ -3,8 +3,8 @@
 import pytest
 
 from service.store import Store
-from tests.service import test_seeds_elsewhere, test_store
 from tests.service.databases import needs_postgres, rows
+from tests.service.store import test_seeds_elsewhere, test_store
 
 pytestmark = [pytest.mark.postgres, needs_postgres, pytest.mark.usefixtures("archives_on_postgres")]
 

@@ -13,7 +13,7 @@ from service.spec.spec_check import check_text, planned
 from service.spec.spec_text import spec_text
 from service.spec.toml_text import toml_text
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+EXAMPLES = Path(__file__).parents[3] / "examples"
 QUICK = (EXAMPLES / "quick.toml").read_text(encoding="utf-8")
 
 

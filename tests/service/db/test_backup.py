@@ -15,7 +15,7 @@ from service.db.upgrade import version_of
 from service.store import Store
 from tests.service.campaigns import content, finish, submitted
 from tests.service.databases import needs_postgres
-from tests.service.test_migrations import stored, table_contents
+from tests.service.db.test_migrations import stored, table_contents
 
 
 @pytest.fixture

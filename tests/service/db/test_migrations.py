@@ -15,7 +15,7 @@ from service.store import Store
 from service.store.records import Filter
 from tests.service.databases import needs_postgres
 
-STORED = Path(__file__).parent / "data"
+STORED = Path(__file__).parents[1] / "data"
 VERSIONS = sorted(int(path.stem.split("-")[1]) for path in STORED.glob("archive-*.sqlite"))
 KINDS = ["sqlite", pytest.param("postgresql", marks=needs_postgres)]
 

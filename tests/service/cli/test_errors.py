@@ -10,7 +10,7 @@ from service import cli
 from service.store import Store
 from tests.service.campaigns import submitted
 
-QUICK = (Path(__file__).parents[2] / "examples" / "quick.toml").read_text(encoding="utf-8")
+QUICK = (Path(__file__).parents[3] / "examples" / "quick.toml").read_text(encoding="utf-8")
 NOWHERE = "http://127.0.0.1:9"
 
 

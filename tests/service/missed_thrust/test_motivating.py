@@ -64,7 +64,7 @@ def test_the_spiral_is_counted_as_in_the_papers_totals(example):
 
 
 def test_the_page_about_it_says_what_comes_out(example):
-    text = (Path(__file__).parents[2] / "docs" / "missed-thrust.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[3] / "docs" / "missed-thrust.md").read_text(encoding="utf-8")
     found = example.view
     told = re.search(r"\| ([\d ]+\.\d) kg \| ([\d ]+\.\d) kg \| \+(\d\.\d) kg", text).groups()
     nominal, recovered, change = (float(number.replace(" ", "")) for number in told)

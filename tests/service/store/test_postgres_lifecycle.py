@@ -3,9 +3,9 @@
 import pytest
 
 from service.store import Store
-from tests.service import test_lifecycle as contract
 from tests.service.clock import Clock
 from tests.service.databases import needs_postgres, rows
+from tests.service.store import test_lifecycle as contract
 
 pytestmark = [pytest.mark.postgres, needs_postgres, pytest.mark.usefixtures("archives_on_postgres")]
 

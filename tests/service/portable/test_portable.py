@@ -22,7 +22,7 @@ from service.store.portable_rows import ATTEMPT_COLUMNS, JOB_COLUMNS, SOLUTION_C
 from tests.acceptance import known
 from tests.service.campaigns import finish, spec_fields, submitted
 from tests.service.databases import needs_postgres, rows
-from tests.service.test_seeds_elsewhere import run_in_vain
+from tests.service.store.test_seeds_elsewhere import run_in_vain
 from workers.inline import Inline
 
 LATER = {

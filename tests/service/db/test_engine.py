@@ -175,7 +175,7 @@ WRITE_AND_DIE = """
 import os, signal, sys
 from pathlib import Path
 from service.db.engine import Database, Moment
-from tests.service.test_engine import campaign
+from tests.service.db.test_engine import campaign
 database = Database(Path(sys.argv[1]))
 database.write(lambda session: session.add(campaign("before")))
 def die(moment):

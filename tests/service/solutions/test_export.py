@@ -23,7 +23,7 @@ from service.store.filter import Filter
 from tests.acceptance import known
 
 API = "/api/v1"
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 DOCS = (ROOT / "docs" / "exports.md").read_text(encoding="utf-8")
 
 

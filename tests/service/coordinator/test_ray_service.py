@@ -14,11 +14,11 @@ import pytest
 
 from service.client import Client, ClientError
 from tests.service.campaigns import spec_fields
+from tests.service.coordinator.test_dispatch import LEASES, wait_for
 from tests.service.fake_coastarc import LEASE
-from tests.service.test_dispatch import LEASES, wait_for
 from workers.family import kill
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 #: What the project promises [s].
 BACK_S, STOPPED_S = 90.0, 15.0
 
