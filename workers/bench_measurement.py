@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -70,11 +69,6 @@ def measured(problem: Problem, outcome: JobOutcome) -> tuple[Measurement, tuple[
         verify_seconds=verdict.cpu_seconds if verdict else 0.0,
     )
     return found, solve.x if strict else None
-
-
-def measurement_from(fields: dict[str, Any]) -> Measurement:
-    """Return a measurement from the fields that `dataclasses.asdict` gave."""
-    return Measurement(**fields)
 
 
 def _propellant(problem: Problem, solve: SolveRecord) -> float | None:
