@@ -95,7 +95,9 @@ class _Child:
     def _read(self) -> None:
         assert self.process.stdout is not None
         for line in self.process.stdout:
-            self._replies.put((self, line))
+            # Whoever is killed while it writes leaves half a line.
+            if line.endswith("\n"):
+                self._replies.put((self, line))
         self._replies.put((self, None))
 
 
@@ -141,10 +143,12 @@ class ProcessPool:
             if line is None:
                 if ticket is not None:
                     done.append(Finished(ticket, child.obituary()))
-                self._restart(child)
             else:
                 reply = json.loads(line)
                 done.append(Finished(Ticket(*reply["ticket"]), JobOutcome.model_validate(reply["outcome"])))
+            if line is None or child.is_killed:
+                # Killed after its reply, it would take the next job with it.
+                self._restart(child)
         return done
 
     def cancel(self, ticket: Ticket, force: bool = False) -> None:
@@ -172,8 +176,9 @@ class ProcessPool:
         return _Child(self._runner, self._replies)
 
     def _restart(self, child: _Child) -> None:
-        child.leave()
-        self._children[self._children.index(child)] = self._started()
+        if child in self._children:
+            child.leave()
+            self._children[self._children.index(child)] = self._started()
 
     def _arrived(self, timeout: float) -> Iterator[tuple[_Child, str | None]]:
         try:

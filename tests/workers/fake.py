@@ -1,7 +1,9 @@
 """Runners that stand for the solver: quick, deterministic, and badly behaved where a test wants it."""
 
+import fcntl
 import os
 import signal
+import stat
 import time
 
 import numpy as np
@@ -129,6 +131,23 @@ def run_chain_one_suicidal(job, stop):
     if job.address.chain == 1:
         os.kill(os.getpid(), signal.SIGKILL)
     return run_fake(job, stop)
+
+
+def run_chain_one_breaking_off(job, stop):
+    """Die in the middle of the reply on chain 1, answer on the others."""
+    if job.address.chain == 1:
+        (reply,) = [pipe for pipe in range(3, 64) if is_written_to(pipe)]
+        os.write(reply, b'{"ticket": [1')
+        os.kill(os.getpid(), signal.SIGKILL)
+    return run_fake(job, stop)
+
+
+def is_written_to(descriptor):
+    try:
+        is_pipe = stat.S_ISFIFO(os.fstat(descriptor).st_mode)
+        return is_pipe and fcntl.fcntl(descriptor, fcntl.F_GETFL) & os.O_ACCMODE == os.O_WRONLY
+    except OSError:
+        return False
 
 
 def run_reporting_threads(job, stop):

@@ -208,6 +208,29 @@ def test_a_killed_process_is_a_crash_of_its_own_job_alone(pool):
     assert Ticket(2, 1) in pool.processes().values()
 
 
+@pytest.mark.parametrize("pool", ["run_chain_one_breaking_off"], indirect=True)
+def test_a_process_that_dies_within_its_reply_is_a_crash_of_its_own_job_alone(pool):
+    pool.submit(Ticket(1, 1), hop_job(chain=1))
+    pool.submit(Ticket(2, 1), hop_job(chain=2))
+    crashed = {done.ticket: done.outcome.ending is Ending.CRASH for done in collected(pool, 2)}
+    assert crashed == {Ticket(1, 1): True, Ticket(2, 1): False}
+
+
+def test_a_process_that_is_killed_after_its_reply_gets_no_further_job():
+    pool = ProcessPool(1, FAKE + "run_fake")
+    try:
+        pool.submit(Ticket(1, 1), hop_job())
+        while pool._replies.empty():
+            time.sleep(0.01)
+        pool.cancel(Ticket(1, 1), force=True)
+        for number in (1, 2):
+            (finished,) = collected(pool, 1)
+            assert finished.ticket == Ticket(number, 1) and finished.outcome == fake.run_fake(hop_job())
+            pool.submit(Ticket(number + 1, 1), hop_job())
+    finally:
+        pool.close()
+
+
 def test_a_pool_without_processes_is_refused():
     with pytest.raises(ExecutorError, match="at least 1, got 0"):
         ProcessPool(0)
