@@ -294,6 +294,8 @@ def events_of(client: Client, campaign_id: int) -> Iterator[EventView]:
 def _newer(client: Client, campaign_id: int, last: int | None) -> Iterator[EventView]:
     """Return events until the stream ends, or those of one question where a stream is refused or breaks."""
     try:
-        yield from client.follow(campaign_id, last)
+        for event in client.follow(campaign_id, last):
+            last = event.id
+            yield event
     except ClientError:
         yield from client.events(last or 0, campaign_id)

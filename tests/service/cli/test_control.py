@@ -2,11 +2,15 @@
 
 import json
 import sys
+from types import SimpleNamespace
 
 import pytest
 
 from service import cli
+from service.api.schemas import EventView
+from service.cli import control
 from service.cli.options import console
+from service.client import ClientError
 from service.coordinator import Coordinator
 from tests.service.campaigns import finish, spec_fields, submitted
 from tests.workers.fake import run_broken
@@ -79,6 +83,30 @@ def test_watch_follows_a_campaign_to_its_end(coastarc, coordinator):
     assert "test: done" in coastarc("watch", "test")[1]
     events = [json.loads(line) for line in coastarc("watch", "test", "--json")[1].splitlines()]
     assert events[-1]["kind"] == "campaign" and events[-1]["data"]["state"] == "done"
+
+
+def event(number, **data):
+    return EventView(id=number, campaign_id=1, kind="campaign", data=data, created_at=0.0)
+
+
+class Breaking:
+    """A coordinator whose stream breaks after each event."""
+
+    told = (event(1, state="active"), event(2, state="paused"), event(3, state="done"))
+
+    def follow(self, campaign_id, after):
+        yield next(one for one in self.told if one.id > (after or 0))
+        raise ClientError("coordinator: expected one, got a connection that broke")
+
+    def events(self, after, campaign_id):
+        return [one for one in self.told if one.id > after]
+
+    def campaign(self, campaign_id):
+        return SimpleNamespace(state="done")
+
+
+def test_each_event_is_told_once_where_a_stream_breaks():
+    assert [one.id for one in control.events_of(Breaking(), 1)] == [1, 2, 3]
 
 
 def test_seeds_are_shown_for_a_search_and_for_a_problem(coastarc, coordinator):
