@@ -137,7 +137,9 @@ def share(
             min=1e-3, max=1e6, help="Part of the workers that a search gets, beside others of equal priority."
         ),
     ] = None,
-    priority: Annotated[int | None, typer.Option(help="Lower goes first.")] = None,
+    priority: Annotated[
+        int | None, typer.Option(min=-1_000_000, max=1_000_000, help="Lower goes first.")
+    ] = None,
     url: Url = DEFAULT_URL,
     as_json: Json = False,
 ) -> None:

@@ -32,7 +32,9 @@ def dispatch_command(
     cluster_token: Annotated[
         Path | None, typer.Option(help="File with the token of the Ray cluster, mode 0600.")
     ] = None,
-    campaign: Annotated[int | None, typer.Option(min=1, help="Work for this campaign only.")] = None,
+    campaign: Annotated[
+        int | None, typer.Option(min=1, max=2**63 - 1, help="Work for this campaign only.")
+    ] = None,
     runner: Annotated[str, typer.Option(hidden=True)] = RUNNER,
 ) -> None:
     """Work for a coordinator, here or elsewhere, until interrupted; several may work for one."""

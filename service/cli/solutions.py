@@ -33,7 +33,9 @@ def list_solutions(
         bool | None, typer.Option("--strict/--paper-only", help="Only those that are, or are not, strict.")
     ] = None,
     sort: Annotated[Sort, typer.Option(help="What they are sorted by.")] = "objective_kg",
-    limit: Annotated[int | None, typer.Option(min=1, help="At most so many, the first by --sort.")] = None,
+    limit: Annotated[
+        int | None, typer.Option(min=1, max=10**9, help="At most so many, the first by --sort.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """List verified solutions, the least propellant first unless --sort says otherwise."""
