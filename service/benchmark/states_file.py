@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from spiceypy.utils.exceptions import SpiceyError
 
-from core.analysis.reflight import Pilot
+from core.analysis.reflight import Pilot, Unflyable
 from core.constants import G0, SECONDS_PER_DAY
 from core.ephemeris.kernels import furnish, one_at_a_time
 from core.orbits import departure_state
@@ -61,6 +62,9 @@ def jumps(path: Path, problem: Problem) -> Jumps:
         found = [_jump(pilot, rows[0], rows[-1]) for rows in arcs]
     except (KeyError, ValueError, TypeError) as error:
         raise BenchmarkError(f"{path}: expected columns of states and controls, got {error}") from error
+    except (Unflyable, SpiceyError) as error:
+        told = getattr(error, "short", None) or error
+        raise BenchmarkError(f"{path}: expected arcs that can be flown, got one with {told}") from error
     if not found:
         raise BenchmarkError(f"{path}: expected samples of states and controls, got none")
     return Jumps(len(found), *(float(worst) for worst in np.max(np.abs(found), axis=0)))

@@ -13,6 +13,7 @@ import pytest
 from core.problem import load_problem
 from service import cli
 from service.benchmark.benchmark_set import FOLDER, BenchmarkError, read_set, sha256
+from service.benchmark.states_file import jumps
 from service.benchmark.vector_file import read_vector
 from service.benchmark.write import write_set
 from service.cli.options import console
@@ -142,6 +143,23 @@ def test_each_file_that_contradicts_the_flight_is_found_by_itself(coastarc, copi
     rewrite(copied, "k0/certificate.json", heavier)
     rewrite(copied, "k0/states.csv", moved, is_declared=False)
     assert failed(coastarc, copied) == {"k0 certificate", "k0 states", "k0 files"}
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "said"),
+    [("mass_kg", "0.0", "no mass left"), ("days_past_departure", "-1e9", "SPKINSUFFDATA")],
+)
+def test_states_that_cannot_be_flown_are_refused_by_the_name_of_their_file(copied, column, value, said):
+    case = read_set(copied).case("k0")
+    path = case.folder / "states.csv"
+    lines = path.read_text(encoding="utf-8").splitlines()
+    head = next(number for number, line in enumerate(lines) if not line.startswith("#"))
+    cells = lines[head + 1].split(",")
+    cells[lines[head].split(",").index(column)] = value
+    lines[head + 1] = ",".join(cells)
+    path.write_text("\n".join(lines), encoding="utf-8")
+    with pytest.raises(BenchmarkError, match=rf"states.csv: expected arcs .*{said}"):
+        jumps(path, case.problem())
 
 
 def test_other_constants_and_another_target_are_found(coastarc, copied):
