@@ -3,7 +3,10 @@ from fastapi.testclient import TestClient
 
 from service.app import create_app
 from service.store import Store
+from tests.acceptance import known
+from tests.service.campaigns import finish
 from tests.service.databases import archives_on_postgres, new_database, postgres  # noqa: F401 - fixtures
+from workers.inline import Inline
 
 
 @pytest.fixture
@@ -21,4 +24,19 @@ def client(store):
     with TestClient(
         create_app(store), base_url="http://127.0.0.1:8741", raise_server_exceptions=False
     ) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory):
+    """A finished campaign of known solutions; flying and verifying them takes seconds."""
+    with Store(tmp_path_factory.mktemp("archive")) as opened:
+        known.submitted(opened)
+        finish(opened, Inline(known.run_known))
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def asked(archive):
+    with TestClient(create_app(archive), base_url="http://127.0.0.1:8741") as opened:
         yield opened

@@ -11,7 +11,6 @@ from service import cli
 from service.app import create_app
 from service.cli.options import console
 from service.store import Store
-from tests.acceptance import known
 from tests.service.campaigns import submitted
 
 
@@ -29,16 +28,6 @@ def coastarc(tmp_path, monkeypatch, capsys):
         return end.value.code or 0, *capsys.readouterr()
 
     return call
-
-
-@pytest.fixture(scope="module")
-def archive(tmp_path_factory):
-    with Store(tmp_path_factory.mktemp("archive")) as store:
-        known.submitted(store)
-        work = known.dispatcher(store)
-        while any(item.state == "active" for item in store.campaigns()):
-            work.step()
-        yield store
 
 
 def test_a_campaign_goes_from_one_folder_to_another(coastarc, archive, tmp_path):

@@ -11,36 +11,16 @@ from pathlib import Path
 import pytest
 import spiceypy
 import typer.main
-from fastapi.testclient import TestClient
 from oem import OrbitEphemerisMessage
 
 from core.problem import ProblemError, load_problem
 from service import cli
-from service.app import create_app
 from service.cli.options import console
-from service.store import Store
 from service.store.filter import Filter
-from tests.acceptance import known
 
 API = "/api/v1"
 ROOT = Path(__file__).parents[3]
 DOCS = (ROOT / "docs" / "exports.md").read_text(encoding="utf-8")
-
-
-@pytest.fixture(scope="module")
-def archive(tmp_path_factory):
-    with Store(tmp_path_factory.mktemp("archive")) as store:
-        known.submitted(store)
-        work = known.dispatcher(store)
-        while any(item.state != "done" for item in store.campaigns()):
-            work.step()
-        yield store
-
-
-@pytest.fixture(scope="module")
-def asked(archive):
-    with TestClient(create_app(archive), base_url="http://127.0.0.1:8741") as opened:
-        yield opened
 
 
 @pytest.fixture

@@ -5,14 +5,12 @@ import sqlite3
 
 import numpy as np
 import pytest
-from fastapi.testclient import TestClient
 from sqlalchemy.dialects import sqlite
 
 from core.problem import load_problem, problem_from
-from service.app import create_app
 from service.dashboard import structure
 from service.dashboard.structure import structure_of
-from service.store import Store, descent
+from service.store import descent
 from service.store.filter import Filter
 from tests.acceptance import known
 from tests.service.campaigns import finish, spec_fields, submitted
@@ -71,23 +69,6 @@ def test_children_are_found_by_the_whole_address_of_their_jobs(finished):
     (jobs,) = [line for line in plan if line.startswith("SEARCH job ")]
     assert "(search_id=? AND kind=? AND case_index=? AND chain=?)" in jobs
     assert not [line for line in plan if line.startswith("SCAN")], plan
-
-
-@pytest.fixture(scope="module")
-def archive(tmp_path_factory):
-    """A finished campaign of known solutions; flying and verifying them takes seconds."""
-    with Store(tmp_path_factory.mktemp("archive")) as store:
-        known.submitted(store)
-        work = known.dispatcher(store)
-        while any(item.state != "done" for item in store.campaigns()):
-            work.step()
-        yield store
-
-
-@pytest.fixture(scope="module")
-def asked(archive):
-    with TestClient(create_app(archive), base_url="http://127.0.0.1:8741") as opened:
-        yield opened
 
 
 def table(text):
