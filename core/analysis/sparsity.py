@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
 
 from core.problem import Problem
+from core.transcription.builder import build_plan
 from core.transcription.layout import CONTROL, STATE, layout_of
-from core.transcription.plan import build_plan
 
 #: How many segments a realization has: those that are left, or as many as the reference.
 Segmentation = Literal["adaptive", "uniform"]

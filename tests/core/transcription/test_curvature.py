@@ -8,8 +8,8 @@ import pytest
 from core.ephemeris import EphemerisTable
 from core.ephemeris.tables import coefficients_through, record_nodes
 from core.transcription import Transcription, throttle_of
+from core.transcription.builder import build_plan
 from core.transcription.control import push_bend_of, push_of
-from core.transcription.plan import build_plan
 from tests.core.partials import assert_partials
 from tests.core.transcription.points import TIGHT, problem, random_point
 

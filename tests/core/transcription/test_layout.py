@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from core.transcription import checked_vector, layout_of
-from core.transcription.plan import build_plan
+from core.transcription.builder import build_plan
 from tests.core.transcription.points import PRESET, problem
 
 P0 = ((),)
