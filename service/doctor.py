@@ -6,22 +6,13 @@ import platform
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-from pydantic import BaseModel
+from service.check import Check
 
 GIGABYTE = 1e9
 #: A campaign of 10,000 solutions needs about a tenth of this.
 LEAST_FREE_BYTES = 0.5 * GIGABYTE
-
-
-class Check(BaseModel):
-    """One thing looked at."""
-
-    name: str
-    state: Literal["ok", "warning", "failed"]
-    found: str
-    advice: str = ""
 
 
 def check_all(folder: Path, port: int) -> list[Check]:

@@ -23,7 +23,7 @@ from service.benchmark.benchmark_set import (
 from service.benchmark.certificate import certified, differences
 from service.benchmark.states_file import jumps
 from service.benchmark.vector_file import read_vector
-from service.doctor import Check
+from service.check import Check
 from service.solutions.solution_hash import solution_hash
 
 #: What the propellant of a table may be rounded by [kg].

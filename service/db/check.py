@@ -5,6 +5,7 @@ from pathlib import Path
 
 from sqlalchemy import Connection, func, select
 
+from service.check import Check
 from service.db import postgres, sqlite_file
 from service.db.dialect import read_version
 from service.db.errors import no_archive
@@ -12,7 +13,6 @@ from service.db.place import Place, shown
 from service.db.recount import TALLIES
 from service.db.tables import SCHEMA_VERSION, Base, JobRow, SearchRow, SolveRow
 from service.db.upgrade import differences
-from service.doctor import Check
 
 RESTORE = "restore a backup with `coastarc db restore`"
 UPGRADE = "bring it to this version with `coastarc db upgrade`"
