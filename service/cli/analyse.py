@@ -14,11 +14,12 @@ from service.api.missed_thrust_schemas import MissedThrustView
 from service.api.schemas import Record
 from service.cli import terminal
 from service.cli.options import DATA, WORKERS, Data, Json, Workers, client_of, console, print_json
-from service.cli.run import LOG_PERIOD_S, UNFINISHED, announce, crew_of, run_to_end
+from service.cli.run import LOG_PERIOD_S, announce, crew_of, run_to_end
 from service.client import Client
 from service.coordinator import Coordinator, Crew
 from service.missed_thrust.analysis_spec import USUAL_DURATIONS, analysis_spec, grid_of
 from service.missed_thrust.views import views_of
+from service.scheduler.states import ENDED
 from service.spec import spec_from
 from service.store import Store, StoreError
 from workers.dispatch import ExecutorKind
@@ -126,7 +127,7 @@ def _local(shown: Console, data: Path, record: Record, wanted: Wanted, crew: Cre
 def _remote(shown: Console, client: Client, record: Record, wanted: Wanted) -> MissedThrustView:
     definition = client.problem(record.problem_hash).definition
     view, _ = client.submit(wanted.fields(record, definition))
-    while view.state in UNFINISHED:
+    while view.state not in ENDED:
         shown.print(terminal.progress_line(view), highlight=False)
         time.sleep(LOG_PERIOD_S)
         view = client.campaign(view.id)

@@ -22,13 +22,12 @@ from service.api.schemas import (
 from service.cli import terminal
 from service.cli.options import DATA, DEFAULT_URL, Data, Json, MaybeUrl, Url, client_of, console, print_json
 from service.client import Client, ClientError, Verb
+from service.scheduler.states import ENDED
 from service.store import Store
 from service.store.seeds import SeedsWanted
 
 Campaign = Annotated[str, typer.Argument(help="Id or name of a campaign.")]
 Search = Annotated[str | None, typer.Option(help="Only this search of it.")]
-#: States in which a campaign may go on.
-UNFINISHED = ("active", "paused")
 #: A campaign is read again this often at most; a coordinator may be away for so long [s].
 PERIOD_S, PATIENCE_S = 1.0, 30.0
 #: Dead jobs that are listed.
@@ -196,7 +195,7 @@ def _one(source: Readable, campaign_id: int) -> CampaignStatus:
 
 def _with_rate(source: Readable, item: CampaignItem) -> CampaignView | CampaignItem:
     # Rates are counted anew for each question, so only where they say something.
-    return source.campaign(item.id) if item.state in UNFINISHED else item
+    return source.campaign(item.id) if item.state not in ENDED else item
 
 
 def seeds(
@@ -281,9 +280,9 @@ def events_of(client: Client, campaign_id: int) -> Iterator[EventView]:
             for event in _newer(client, campaign_id, last):
                 last, heard = event.id, time.monotonic()
                 yield event
-                if event.kind == "campaign" and event.data.get("state") not in UNFINISHED:
+                if event.kind == "campaign" and event.data.get("state") in ENDED:
                     break
-            if client.campaign(campaign_id).state not in UNFINISHED:
+            if client.campaign(campaign_id).state in ENDED:
                 return
             heard = time.monotonic()
         except ClientError as error:

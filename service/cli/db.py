@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from platformdirs import user_data_path
 from rich.console import Console
 
 from service.cli import terminal
+from service.cli.options import DATA, Data, Json
 from service.coordinator.lock import FolderLock
 from service.db.backup import backup, restore
 from service.db.check import check
@@ -19,10 +19,6 @@ from service.db.tables import SCHEMA_VERSION
 from service.db.upgrade import upgrade, version_of
 
 db = typer.Typer(help="Upgrade, check, back up and restore an archive.", no_args_is_help=True)
-
-Data = Annotated[Path, typer.Option(help="Folder of the archive.", envvar="COASTARC_DATA")]
-DATA = user_data_path("coastarc")
-Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 @db.command("upgrade")

@@ -13,6 +13,7 @@ from service.cli import terminal
 from service.cli.options import DATA, Data, Json, console, print_json
 from service.cli.run import crew_of, run_to_end
 from service.coordinator import Coordinator
+from service.scheduler.states import ENDED
 from service.solutions.refine import Step, best_of, check_segments, first_step, next_step, refinement_spec
 from service.spec.resolve import require_flyable
 from service.store import Store
@@ -67,7 +68,7 @@ def _refine(
         require_flyable(spec.problem)
         campaign_id, _ = store.submit(spec)
         store.revive(campaign_id)
-        if store.campaign_state(campaign_id) not in ("done", "cancelled"):
+        if store.campaign_state(campaign_id) not in ENDED:
             if store.campaign_state(campaign_id) == "paused":
                 store.control_campaign(campaign_id, "resume")
             if not run_to_end(shown, coordinator, campaign_id, crew_of(ExecutorKind.PROCESS, 1)):

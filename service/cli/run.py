@@ -12,6 +12,7 @@ from service.api.schemas import CampaignView, JobView
 from service.cli import terminal
 from service.cli.options import DATA, DEFAULT_PORT, WORKERS, Data, SpecFile, Workers, complain, console
 from service.coordinator import Coordinator, Crew
+from service.scheduler.states import ENDED
 from service.spec import load_spec
 from service.spec.resolve import require_flyable
 from workers.dispatch import RUNNER, ExecutorKind
@@ -24,8 +25,6 @@ TERMINAL_PERIOD_S = 1.0
 LOG_PERIOD_S = 20.0
 #: How often it is asked whether all is done [s].
 STATE_PERIOD_S = 0.5
-#: States in which a campaign may go on: who paused it may resume it.
-UNFINISHED = ("active", "paused")
 
 
 def run(
@@ -54,7 +53,7 @@ def run(
 def _go_on(coordinator: Coordinator, campaign_id: int, is_new: bool, crew: Crew) -> bool:
     """Run what is left of a campaign; return whether it is at its end."""
     state = coordinator.store.campaign(campaign_id).state
-    if state in ("done", "cancelled"):
+    if state in ENDED:
         how = "run" if state == "done" else "cancelled"
         console.print(f"Campaign {campaign_id} has been {how} before; nothing is left to do.")
         return True
@@ -126,7 +125,7 @@ def _follow(console: Console, coordinator: Coordinator, campaign_id: int) -> Non
     view = store.campaign(campaign_id)
     next_look = time.monotonic() + period
     with Live(terminal.progress(view), console=console, transient=True, auto_refresh=False) as live:
-        while store.campaign_state(campaign_id) in UNFINISHED:
+        while store.campaign_state(campaign_id) not in ENDED:
             time.sleep(STATE_PERIOD_S)
             coordinator.raise_fault()
             if time.monotonic() < next_look:

@@ -10,6 +10,7 @@ from rich.text import Text
 
 from core.analysis.metrics import feasibility_ratio
 from service.api.schemas import CampaignItem, CampaignView, JobView, Record, SearchView, SeedPage, WorkerView
+from service.scheduler.states import ENDED
 
 SUMMARY_COLUMNS = ("search", "strategy", "solves", "paper, %", "strict, %", "found", "kg", "km/s", "CPU, s")
 
@@ -81,7 +82,7 @@ def progress_line(view: CampaignView) -> str:
         for search in view.searches
         if search.state == "active"
     ]
-    n_ended = sum(search.state in ("done", "cancelled") for search in view.searches)
+    n_ended = sum(search.state in ENDED for search in view.searches)
     parts.append(f"{n_ended} of {len(view.searches)} searches done, {view.n_solutions} solutions")
     return f"{_duration(view.elapsed_seconds)}: " + "; ".join(parts)
 

@@ -4,9 +4,7 @@ Without --url the archive itself is opened, which needs the coordinator to be st
 one writer; with --url the coordinator is asked, with the administrator's token of COASTARC_TOKEN(_FILE).
 """
 
-import json
 import os
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,14 +13,13 @@ from urllib.parse import quote
 
 import httpx
 import typer
-from platformdirs import user_data_path
 from pydantic import BaseModel, ValidationError
-from rich.console import Console
 
 from core.faults import fault_lines
 from service.access.rights import Role
 from service.api.identity_schemas import NewToken, TokenPage, TokenRequest, TokenView
 from service.cli import terminal
+from service.cli.options import DATA, Data, Json, console, print_json
 from service.coordinator.lock import FolderLock, LockError
 from service.db.errors import unusable
 from service.settings import Settings
@@ -30,10 +27,7 @@ from service.store import Store
 
 token = typer.Typer(help="Make, list and revoke tokens.", no_args_is_help=True)
 
-Data = Annotated[Path, typer.Option(help="Folder of the archive.", envvar="COASTARC_DATA")]
-DATA = user_data_path("coastarc")
 Url = Annotated[str | None, typer.Option(help="Coordinator to ask, if one is running.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Out = Annotated[Path | None, typer.Option(help="New file for the token, for nobody else to read.")]
 
 
@@ -64,7 +58,7 @@ def create(
         _write_private(out, made.token)
         typer.echo(f"{made.role.value} token {made.name} is in {out}, valid until {made.expires_at:%Y-%m-%d}")
     elif as_json:
-        _print_json(made)
+        print_json(made)
     else:
         typer.echo(made.token)
         typer.echo(f"Shown this once; valid until {made.expires_at:%Y-%m-%d}.", err=True)
@@ -79,13 +73,13 @@ def list_tokens(data: Data = DATA, url: Url = None, as_json: Json = False) -> No
     else:
         page = TokenPage.model_validate(_ask(url, "GET", "/tokens"))
     if as_json:
-        _print_json(page)
+        print_json(page)
         return
     rows = terminal.table("name", "role", "state", "until", "last used")
     for item in page.items:
         used = f"{item.last_used_at:%Y-%m-%d %H:%M}" if item.last_used_at else "never"
         rows.add_row(item.name, item.role.value, item.state, f"{item.expires_at:%Y-%m-%d}", used)
-    Console(width=None if sys.stdout.isatty() else 140).print(rows)
+    console.print(rows)
 
 
 @token.command("revoke")
@@ -102,7 +96,7 @@ def revoke(
     else:
         ended = TokenView.model_validate(_ask(url, "DELETE", f"/tokens/{quote(name, safe='')}"))
     if as_json:
-        _print_json(ended)
+        print_json(ended)
     else:
         typer.echo(f"token {ended.name} is {ended.state}")
 
@@ -158,7 +152,3 @@ def _write_private(path: Path, secret: str) -> None:
         raise TokenError(f"--out: expected a file to write, got {path}: {error.strerror}") from None
     with os.fdopen(descriptor, "w") as file:
         file.write(secret + "\n")
-
-
-def _print_json(content: BaseModel) -> None:
-    typer.echo(json.dumps(content.model_dump(mode="json"), indent=2))

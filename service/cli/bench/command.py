@@ -14,6 +14,7 @@ from service.cli.bench.chain import chain
 from service.cli.bench.report import report
 from service.cli.bench.service import service
 from service.cli.bench.solve import solve
+from service.cli.options import Json
 
 bench = typer.Typer(help="Measure the numerics, reports and the service.", no_args_is_help=True)
 bench.command()(solve)
@@ -22,7 +23,6 @@ bench.command()(report)
 bench.command()(service)
 
 RngSeed = Annotated[int, typer.Option(min=0, help="Fixes the points.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 @bench.callback()

@@ -10,6 +10,7 @@ from rich.console import Console
 
 from service.bench.machine import machine
 from service.cli import terminal
+from service.cli.options import Json
 
 Outcomes = Annotated[int, typer.Option(min=1, help="End after so many outcomes ...")]
 Slots = Annotated[int, typer.Option(min=1, max=1000, help="Workers of one dispatcher.")]
@@ -21,7 +22,6 @@ Rate = Annotated[float, typer.Option(min=0, help="Outcomes per second that they 
 Feasible = Annotated[float, typer.Option(min=0, max=1, help="Share of outcomes that are solutions.")]
 Prefill = Annotated[int, typer.Option(min=0, max=10_000_000, help="Made-up outcomes in the archive before.")]
 Folder = Annotated[Path | None, typer.Option(help="Keep the archive in this folder, which must be empty.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 def service(
