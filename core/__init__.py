@@ -1,11 +1,18 @@
-"""coastarc's numerics: a problem in, verified trajectories out; no service is needed to use them."""
+"""coastarc's numerics: a problem in, verified trajectories out; no service is needed to use them.
 
-from core.analysis.verify import Verification, verify
-from core.nlp import ExitStatus, Outcome, SolveSettings, solve
-from core.orbits import target_kernel
-from core.problem import Problem, ProblemError, load_problem, problem_from
-from core.search import map_seed, sample_guess, solve_recovery, solve_seed
-from core.transcription import Guess, Transcription, transcribe
+What is listed here is imported when it is asked for: whoever needs one module of core pays for no other.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from core.analysis.verify import Verification, verify
+    from core.nlp import ExitStatus, Outcome, SolveSettings, solve
+    from core.orbits import target_kernel
+    from core.problem import Problem, ProblemError, load_problem, problem_from
+    from core.search import map_seed, sample_guess, solve_recovery, solve_seed
+    from core.transcription import Guess, Transcription, transcribe
 
 __all__ = [
     "ExitStatus",
@@ -27,3 +34,14 @@ __all__ = [
     "transcribe",
     "verify",
 ]
+
+_MODULES = ("problem", "orbits", "transcription", "nlp", "search", "analysis.verify")
+
+
+def __getattr__(name: str) -> Any:
+    if name in __all__:
+        for module in _MODULES:
+            found = vars(import_module(f"core.{module}"))
+            if name in found:
+                return found[name]
+    raise AttributeError(f"module 'core' has no attribute {name!r}")

@@ -9,8 +9,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.integrate import DOP853
-from scipy.optimize import brentq
+import scipy
 
 from core.analysis.reflight import EARTH, MOON, Array, Pilot
 from core.constants import RADIUS_EARTH_KM, RADIUS_MOON_KM, SECONDS_PER_DAY
@@ -44,7 +43,7 @@ class Closest:
         self._pilot = pilot
         self._found: dict[int, tuple[float, float, bool]] = {}
 
-    def __call__(self, solver: DOP853) -> None:
+    def __call__(self, solver: "scipy.integrate.DOP853") -> None:
         """Look at the step that an integrator has just made."""
         path = solver.dense_output()
         start, stop = sorted((float(solver.t_old), float(solver.t)))
@@ -55,7 +54,7 @@ class Closest:
             self._keep(path, body, stop, is_turn=False)
             for (before, after), (low, high) in zip(pairwise(times), pairwise(rates), strict=True):
                 if low < 0.0 <= high:
-                    root = brentq(
+                    root = scipy.optimize.brentq(
                         lambda t, b=body: self._range_rate(path, b, t), before, after, xtol=TIME_TOLERANCE_S
                     )
                     self._keep(path, body, float(root), is_turn=True)

@@ -10,8 +10,8 @@ from itertools import combinations
 from math import isnan, nan
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.stats import fisher_exact, mannwhitneyu, wilcoxon
 
 from core.analysis.facts import Level, SolveFacts
 from core.analysis.metrics import Ratio, Spread, feasibility_ratio, spread
@@ -151,7 +151,7 @@ def wilcoxon_p(changes: ArrayLike) -> float:
     moved = numbers[numbers != 0.0]
     if not len(moved):
         return 1.0 if len(numbers) else nan
-    return float(wilcoxon(moved).pvalue)
+    return float(scipy.stats.wilcoxon(moved).pvalue)
 
 
 def compared(
@@ -211,7 +211,7 @@ def _comparison(
     fisher = nan
     if solves and others:
         table = [[len(found), len(solves) - len(found)], [len(others_found), len(others) - len(others_found)]]
-        fisher = float(fisher_exact(table).pvalue)
+        fisher = float(scipy.stats.fisher_exact(table).pvalue)
     difference, dearer, mann_whitney = _delta_v_test(_delta_v(found), _delta_v(others_found))
     return Comparison(
         one=one,
@@ -238,6 +238,6 @@ def _delta_v_test(values: Sequence[float], others: Sequence[float]) -> tuple[flo
     """Return difference of medians, share of pairs in which the first is larger, and p; eq. (M10)."""
     if not values or not others:
         return nan, nan, nan
-    found = mannwhitneyu(values, others)
+    found = scipy.stats.mannwhitneyu(values, others)
     share = float(found.statistic) / (len(values) * len(others))
     return float(np.median(values) - np.median(others)), share, float(found.pvalue)

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.integrate import quad
 
 from core.analysis.weibull import RECOVERIES, SAFE_MODES, Weibull
 from core.problem import Problem
@@ -188,4 +188,4 @@ def _chance(span: Span, arc: float, between: Weibull, recovery: Weibull | None) 
 
     if span.start == span.stop:
         return 0.0
-    return float(quad(integrand, span.start, span.stop, epsabs=_QUADRATURE, epsrel=1e-10)[0])
+    return float(scipy.integrate.quad(integrand, span.start, span.stop, epsabs=_QUADRATURE, epsrel=1e-10)[0])

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.integrate import DOP853
+import scipy
 
 from core.analysis.reflight import Array, Pilot, Unflyable
 from core.constants import G0, SECONDS_PER_DAY
@@ -93,7 +93,7 @@ def fly_all(
     problem: Problem,
     plans: list[Plan],
     naif_id: int,
-    watchers: Sequence[Callable[[DOP853], None] | None],
+    watchers: Sequence[Callable[["scipy.integrate.DOP853"], None] | None],
 ) -> list[Flown]:
     """Return every trajectory in halves; a watcher follows the steps of each."""
     pilot.watcher, *others = watchers

@@ -10,8 +10,8 @@ from math import exp, inf, isnan, log, nan, prod, sqrt
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.special import stdtrit
 
 from core.constants import G0
 from core.problem import Problem, Spacecraft
@@ -187,7 +187,9 @@ def spread(values: ArrayLike) -> Spread:
     if n == 0:
         return Spread(0, nan, nan, nan, nan, nan, nan, nan, nan)
     mean = float(np.mean(numbers))
-    half_width = float(stdtrit(n - 1, 0.975) * np.std(numbers, ddof=1) / sqrt(n)) if n > 1 else nan
+    half_width = (
+        float(scipy.special.stdtrit(n - 1, 0.975) * np.std(numbers, ddof=1) / sqrt(n)) if n > 1 else nan
+    )
     least, lower, median, upper, greatest = (float(q) for q in np.quantile(numbers, [0, 0.25, 0.5, 0.75, 1]))
     return Spread(n, mean, mean - half_width, mean + half_width, least, lower, median, upper, greatest)
 

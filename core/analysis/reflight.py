@@ -10,9 +10,9 @@ from collections.abc import Callable
 from math import cos, isfinite, sin, sqrt
 
 import numpy as np
+import scipy
 import spiceypy
 from numpy.typing import NDArray
-from scipy.integrate import DOP853
 
 from core.constants import GM_EARTH, GM_JUPITER, GM_MOON, GM_SUN, RADIUS_EARTH_KM, RADIUS_MOON_KM
 
@@ -51,7 +51,7 @@ class Pilot:
         self.exhaust_velocity = exhaust_velocity_km_s
         self.n_evaluations = 0
         #: Is shown the integrator after each of its steps.
-        self.watcher: Callable[[DOP853], None] | None = None
+        self.watcher: Callable[[scipy.integrate.DOP853], None] | None = None
 
     def thrust(self, control: Array) -> tuple[float, float, float, float]:
         """Return thrust vector [kg km/s^2] and mass flow [kg/s] of (throttle, azimuth, elevation)."""
@@ -99,7 +99,7 @@ class Pilot:
     def _integrated(self, start: float, state: Array, stop: float, thrust: tuple[float, ...]) -> Array:
         budget = self.n_evaluations + MAX_EVALUATIONS
         derivative = self._equations_of_motion(start, float(state[6]), thrust)
-        solver = DOP853(derivative, start, state[:6], stop, rtol=RTOL, atol=ATOL)
+        solver = scipy.integrate.DOP853(derivative, start, state[:6], stop, rtol=RTOL, atol=ATOL)
         while solver.status == "running" and self.n_evaluations < budget:
             solver.step()
             if self.watcher is not None and solver.status != "failed":

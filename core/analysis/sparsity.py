@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import csr_array
 
 from core.problem import Problem
 from core.transcription.builder import build_plan
@@ -170,7 +170,7 @@ def _published(n_segments: int, m: int, segmentation: Segmentation) -> int:
     return STATE * columns
 
 
-def pattern(problem: Problem) -> csr_array:
+def pattern(problem: Problem) -> "scipy.sparse.csr_array":
     """Return where the Jacobian of a problem can have entries, mass rows sparse.
 
     Parameters
@@ -186,4 +186,4 @@ def pattern(problem: Problem) -> csr_array:
     structure = build_plan(problem, layout_of(problem))
     shape = (STATE * len(structure.matchpoints), structure.n_variables)
     stored = np.ones(len(structure.rows), dtype=np.bool_)
-    return csr_array((stored, (structure.rows, structure.columns)), shape=shape)
+    return scipy.sparse.csr_array((stored, (structure.rows, structure.columns)), shape=shape)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.integrate import DOP853
+import scipy
 
 from core.analysis.halves import Plan, departure_of, distance
 from core.analysis.reflight import Array, Pilot, Unflyable
@@ -34,7 +34,7 @@ def fly_through(
     problem: Problem,
     plans: Sequence[Plan],
     naif_id: int,
-    watchers: Sequence[Callable[[DOP853], None] | None],
+    watchers: Sequence[Callable[["scipy.integrate.DOP853"], None] | None],
 ) -> list[Through]:
     """Return every trajectory flown through; a realization leaves the reference as that was flown through."""
     reference, *others = plans

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from math import isfinite
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import gamma
 
 Array = NDArray[np.float64]
 
@@ -54,7 +54,7 @@ class Weibull:
 
     def mean(self) -> float:
         """Return the mean [days]."""
-        return float(self.scale_days * gamma(1.0 + 1.0 / self.shape))
+        return float(self.scale_days * scipy.special.gamma(1.0 + 1.0 / self.shape))
 
     def median(self) -> float:
         """Return the median [days]."""

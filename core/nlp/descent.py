@@ -9,8 +9,8 @@ the steps creep along curved valleys, the more so near the Moon.
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from core.nlp.cost import Cost
 from core.nlp.limits import Limits
@@ -89,9 +89,11 @@ class _Model:
         times = np.searchsorted(form.others, form.free_times)
         for _ in range(3):
             weighted = self.j_others * self.softness
-            self.factor = cho_factor(self.metric + weighted @ self.j_others.T, check_finite=False)
+            self.factor = scipy.linalg.cho_factor(
+                self.metric + weighted @ self.j_others.T, check_finite=False
+            )
             right = self.right + self.j_others @ stopped - weighted @ self.by_others
-            multipliers = cho_solve(self.factor, right, check_finite=False)
+            multipliers = scipy.linalg.cho_solve(self.factor, right, check_finite=False)
             others = stopped - self.softness * (self.by_others + multipliers @ self.j_others)
             moved = state.z[form.free_times] + others[times]
             kept = np.clip(moved, form.earliest, form.latest)
@@ -105,7 +107,7 @@ class _Model:
 
     def correction(self, errors: Array) -> Array:
         """Return the step of least length in the model's metric that takes errors off the defects."""
-        multipliers = cho_solve(self.factor, errors, check_finite=False)
+        multipliers = scipy.linalg.cho_solve(self.factor, errors, check_finite=False)
         controls = -self._inverse((multipliers @ self.flat).reshape(-1, 3))
         return self._assemble(-self.softness * (multipliers @ self.j_others), controls)
 
@@ -144,7 +146,7 @@ def advance(state: State, cost: Cost, rigidity: float, limits: Limits) -> float:
     model = _Model(state, cost, rigidity)
     try:
         step = model.step()
-    except LinAlgError:
+    except scipy.linalg.LinAlgError:
         state.damping *= _MORE_DAMPING
         return 0.0
     now = _merit(state.form, cost, state.z, state.defects)

@@ -3,7 +3,6 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-import cyipopt
 import numpy as np
 from numpy.typing import NDArray
 
@@ -153,6 +152,8 @@ def polish(transcription: Transcription, guess: Array | Guess, limits: Limits) -
     Polished
         Never raises for a failed solve.
     """
+    import cyipopt  # Half of all that core would import; a coordinator never solves.
+
     z, scale = transcription.lift(guess), node_scales(transcription)
     lower, upper = _bounds(transcription, z)
     n_rows = 7 * len(transcription.lifted.plan.block_plus)

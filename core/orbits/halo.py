@@ -10,8 +10,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
 
 from core.constants import MU_CR3BP
 
@@ -106,7 +106,9 @@ def _corrected(unknowns: Array, period: float) -> tuple[Array, Array]:
 def _flown(start: Array, times: Array) -> Array:
     """Return states and transition matrices (n, 42) at ascending times after a start (6,)."""
     y = np.concatenate([start, np.eye(6).ravel()])
-    arc = solve_ivp(_rates, (0.0, times[-1]), y, method="DOP853", t_eval=times, rtol=3e-14, atol=1e-15)
+    arc = scipy.integrate.solve_ivp(
+        _rates, (0.0, times[-1]), y, method="DOP853", t_eval=times, rtol=3e-14, atol=1e-15
+    )
     return np.asarray(arc.y.T)
 
 

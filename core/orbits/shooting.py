@@ -8,9 +8,8 @@ Frame: geocentric, axes J2000.  Units: canonical, times in TU past the origin of
 """
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.linalg import splu
 
 from core.dynamics import COAST, ForceModel, propagate
 from core.jit import compiled
@@ -71,14 +70,16 @@ def _is_joined(defects: Array) -> bool:
     return bool(position < POSITION_TOLERANCE_KM and velocity < VELOCITY_TOLERANCE_KM_S)
 
 
-def _smallest_step(jacobian: sparse.csc_array, defects: Array) -> Array:
+def _smallest_step(jacobian: "scipy.sparse.csc_array", defects: Array) -> Array:
     """Return the least step s with jacobian s = defects, from the equations of its Lagrangian."""
     n = jacobian.shape[1]
-    system = sparse.block_array([[sparse.eye_array(n), jacobian.T], [jacobian, None]], format="csc")
-    return np.asarray(splu(system).solve(np.concatenate([np.zeros(n), defects]))[:n])
+    system = scipy.sparse.block_array(
+        [[scipy.sparse.eye_array(n), jacobian.T], [jacobian, None]], format="csc"
+    )
+    return np.asarray(scipy.sparse.linalg.splu(system).solve(np.concatenate([np.zeros(n), defects]))[:n])
 
 
-def _jacobian(halves: Array) -> sparse.csc_array:
+def _jacobian(halves: Array) -> "scipy.sparse.csc_array":
     """Return the partials of the defects, 6 a piece, by the epoch and the state of each patch point."""
     n_pieces = halves.shape[0]
     rates = halves[:, :, :, 7:]
@@ -93,7 +94,7 @@ def _jacobian(halves: Array) -> sparse.csc_array:
     rows = np.broadcast_to(np.arange(6 * n_pieces).reshape(-1, 6, 1), blocks.shape)
     columns = np.broadcast_to(7 * np.arange(n_pieces)[:, None, None] + np.arange(14), blocks.shape)
     shape = (6 * n_pieces, 7 * (n_pieces + 1))
-    return sparse.csc_array((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
+    return scipy.sparse.csc_array((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
 
 
 @compiled

@@ -12,8 +12,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
 
 from core.constants import G0, GM_EARTH, GM_JUPITER, GM_MOON, GM_SUN
 from core.dynamics.force import FIELD_WIDTH, field_at, field_table, gravity
@@ -90,7 +90,7 @@ def _end_of_spiral(departure: SpiralDeparture, spacecraft: Spacecraft) -> Depart
     stop = min(longest, departure.duration_days / TU_DAYS if departure.duration_days else longest)
     bodies = body_table(start_et, 0.0, stop * TU_DAYS)
     gm = np.array([gm_canonical(body) for body in (GM_EARTH, GM_MOON, GM_SUN, GM_JUPITER)])
-    arc = solve_ivp(
+    arc = scipy.integrate.solve_ivp(
         _rates,
         (0.0, stop),
         np.append(_perigee(departure), spacecraft.wet_mass_kg / MU_KG),

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from core.constants import RADIUS_EARTH_KM, RADIUS_MOON_KM
 from core.dynamics import ForceModel, force_model
@@ -130,7 +130,7 @@ class Transcription:
         defects, _ = self.evaluate(self.plain, z, with_partials=False)
         return np.asarray(defects * np.tile(STATE_SCALE, self.n_defects // STATE))
 
-    def jacobian(self, x: Array) -> csr_array:
+    def jacobian(self, x: Array) -> "scipy.sparse.csr_array":
         """Return d defects / d x with a sparsity that does not depend on x.
 
         Parameters
@@ -156,7 +156,7 @@ class Transcription:
         _, values = self.evaluate(self.plain, z, with_partials=True)
         rows, columns = self.plain.rows, self.plain.columns
         values = values * STATE_SCALE[rows % STATE] / self.scale[columns]
-        return csr_array((values, (rows, columns)), shape=(self.n_defects, self.n_variables))
+        return scipy.sparse.csr_array((values, (rows, columns)), shape=(self.n_defects, self.n_variables))
 
     def at_tolerance(self, tolerance: float) -> "Transcription":
         """Return the same transcription with another tolerance of the integrator [-]."""
