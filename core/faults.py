@@ -1,4 +1,4 @@
-"""What a validator found wrong, as lines for whoever wrote the data: `<field>: expected <what>, got <value>`.
+"""What a user can cause and mend, and what a validator found wrong: `<field>: expected <what>, got <value>`.
 
 A fault is a dict with `type`, `loc`, `msg`, `input` and `ctx`, as pydantic gives it.  A model is a class with
 `model_fields`; which fields it knows and which part of a place is no field but a tag is read there.
@@ -6,6 +6,11 @@ A fault is a dict with `type`, `loc`, `msg`, `input` and `ctx`, as pydantic give
 
 from collections.abc import Iterable, Mapping
 from typing import Any, get_args
+
+
+class UserError(Exception):
+    """What a user can cause, and mend: its text is one line for them, and needs no traceback."""
+
 
 #: What was expected, by type of fault; names in braces are those of its context.
 EXPECTED = {

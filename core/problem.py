@@ -28,7 +28,7 @@ from core.constants import (
     KERNEL_SPAN,
     SECONDS_PER_DAY,
 )
-from core.faults import fault_lines
+from core.faults import UserError, fault_lines
 
 SCHEMA_VERSION = 1
 
@@ -42,7 +42,7 @@ LEAST_SPAN_DAYS, KERNEL_MARGIN_DAYS = 200.0, 45.0
 _WORLD = {"kernel": KERNEL_MD5, "gm": [GM_EARTH, GM_MOON, GM_SUN, GM_JUPITER], "g0": G0}
 
 
-class ProblemError(ValueError):
+class ProblemError(UserError, ValueError):
     """A problem that cannot be: the message names each field, what was expected and what came."""
 
 

@@ -14,6 +14,7 @@ from urllib.parse import quote
 
 from pydantic import BaseModel, ValidationError
 
+from core.faults import UserError
 from service.api import schemas
 from service.api.history_schemas import CampaignCards
 from service.api.lineage_schemas import Reproduction
@@ -33,7 +34,7 @@ SUBMISSION_S = 180.0
 SILENCE_S = 40.0
 
 
-class ClientError(RuntimeError):
+class ClientError(UserError, RuntimeError):
     """A coordinator that is not there, or that refuses."""
 
     def __init__(self, detail: str, status: int | None = None, code: str | None = None) -> None:

@@ -8,8 +8,10 @@ import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
+from core.faults import UserError
 
-class FileError(RuntimeError):
+
+class FileError(UserError, RuntimeError):
     """A file that cannot be written where it was asked for."""
 
 

@@ -14,14 +14,14 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, SecretStr, ValidationError
 
-from core.faults import fault_lines
+from core.faults import UserError, fault_lines
 
 PREFIX = "COASTARC_"
 _LISTS = ("hosts", "proxies")
 _SECRETS = ("token",)
 
 
-class SettingsError(ValueError):
+class SettingsError(UserError, ValueError):
     """A variable that does not mean what it should."""
 
 

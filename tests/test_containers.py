@@ -13,7 +13,7 @@ import typer
 import yaml
 
 from service.access.rights import ANYONE, RIGHTS
-from service.cli import app
+from service.cli import app_of
 from service.cli.options import DEFAULT_PORT
 from service.db.place import URL_VARIABLE, database_url
 from service.settings import PREFIX, Settings
@@ -54,7 +54,7 @@ def test_every_role_has_a_command():
 
 @pytest.mark.parametrize("words", OURS, ids=" ".join)
 def test_a_command_of_ours_is_understood_to_its_last_word(words):
-    command = typer.main.get_command(app).commands[words[0]]
+    command = typer.main.get_command(app_of()).commands[words[0]]
     context = command.make_context(words[0], list(words[1:]))
     assert not context.args
 

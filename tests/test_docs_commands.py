@@ -26,7 +26,7 @@ PLACES = {"--data": None, "--out": None}
 
 def command_line():
     """Return the real command line, of which no command does anything."""
-    root = typer.main.get_command(cli.app)
+    root = typer.main.get_command(cli.app_of())
     pending = [root]
     while pending:
         command = pending.pop()
@@ -37,7 +37,7 @@ def command_line():
 
 def command_named(words):
     """Return the command that the first words name, and how many they are."""
-    command, n = typer.main.get_command(cli.app), 0
+    command, n = typer.main.get_command(cli.app_of()), 0
     while n < len(words) and words[n] in getattr(command, "commands", {}):
         command, n = command.commands[words[n]], n + 1
     return command, n

@@ -16,6 +16,7 @@ from typing import Any, NoReturn, Self, TypeVar
 import httpx
 from pydantic import BaseModel, ValidationError
 
+from core.faults import UserError
 from workers.job import (
     ClaimAnswer,
     ClaimRequest,
@@ -40,7 +41,7 @@ PASSING = (408, 425, 429, 502, 503, 504)
 A = TypeVar("A", bound=BaseModel)
 
 
-class ApiError(RuntimeError):
+class ApiError(UserError, RuntimeError):
     """A coordinator that cannot be asked, or not this."""
 
 

@@ -8,6 +8,7 @@ An executor may forget all it holds at any time; the coordinator's database is t
 
 from typing import NamedTuple, Protocol
 
+from core.faults import UserError
 from workers.job import Job, JobOutcome
 
 #: Time that an attempt has to stop by itself after it was asked, before it is killed [s].
@@ -28,7 +29,7 @@ class Finished(NamedTuple):
     outcome: JobOutcome
 
 
-class ExecutorError(RuntimeError):
+class ExecutorError(UserError, RuntimeError):
     """An executor that was asked for what it cannot do."""
 
 

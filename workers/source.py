@@ -10,6 +10,7 @@ StaleAttempt            the attempt no longer holds the job; the report changes 
 
 from typing import Protocol
 
+from core.faults import UserError
 from workers.job import (
     ClaimAnswer,
     ClaimRequest,
@@ -22,7 +23,7 @@ from workers.job import (
 )
 
 
-class SourceError(RuntimeError):
+class SourceError(UserError, RuntimeError):
     """A source that did not do what it was asked."""
 
 

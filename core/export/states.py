@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from core.analysis.flight import Arc, FlownTrajectory, fly
 from core.analysis.sampling import MAX_SAMPLES
 from core.constants import SECONDS_PER_DAY
+from core.faults import UserError
 from core.orbits import departure_state
 from core.problem import Outage, Problem
 
@@ -33,7 +34,7 @@ TOLERANCE = 1e-13
 SHORTEST_S = 1e-3
 
 
-class ExportError(ValueError):
+class ExportError(UserError, ValueError):
     """A solution that cannot be written down; the message says why."""
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from starlette.datastructures import Headers
 from starlette.types import Scope
 
+from core.faults import UserError
 from service.settings import Settings
 
 LOOPBACK_NAMES = frozenset({"127.0.0.1", "localhost", "::1"})
@@ -42,7 +43,7 @@ MAX_TARGET_BYTES = 8 * 1024
 Fault = tuple[int, str]
 
 
-class BindError(ValueError):
+class BindError(UserError, ValueError):
     """An address on which the service would be open to others."""
 
 

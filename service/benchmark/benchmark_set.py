@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from core.constants import G0, GM_EARTH, GM_JUPITER, GM_MOON, GM_SUN, RADIUS_EARTH_KM, RADIUS_MOON_KM
+from core.faults import UserError
 from core.problem import Problem, ProblemError, problem_from
 from core.tolerances import STRICT
 
@@ -47,7 +48,7 @@ TOLERANCE = {
 }
 
 
-class BenchmarkError(ValueError):
+class BenchmarkError(UserError, ValueError):
     """A folder or a file of a benchmark that is not what it should be."""
 
 

@@ -4,6 +4,6 @@
 tables.
 """
 
-from service.cli.command import app, main
+from service.cli.command import app_of, main
 
-__all__ = ["app", "main"]
+__all__ = ["app_of", "main"]

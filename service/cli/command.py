@@ -1,108 +1,120 @@
-"""The command `coastarc`: one line per error, exit code 2, never a traceback for what a user did."""
+"""The command `coastarc`: one line per error, exit code 2, never a traceback for what a user did.
+
+A command is imported when it is typed: all of them take seconds, many of them much less.
+"""
 
 import signal
 import sys
-from typing import Any
+from collections.abc import Container
+from importlib import import_module
+from typing import Annotated, Any
 
 import typer
 
-from core.export import ExportError
-from core.problem import ProblemError
-from service.access.security import BindError
-from service.benchmark.benchmark_set import BenchmarkError
-from service.cli import control
-from service.cli.analyse import analyse
-from service.cli.bench import bench
-from service.cli.benchmark import benchmark
-from service.cli.campaigns import campaigns
-from service.cli.db import db
-from service.cli.dispatch import DispatchError, dispatch_command
-from service.cli.doctor import doctor
-from service.cli.example import ExampleError, example
-from service.cli.faults import InOrder, fault_line
-from service.cli.options import complain
-from service.cli.report import ReportError, report
-from service.cli.run import run, serve
-from service.cli.solutions import solutions
-from service.cli.submit import submit
-from service.cli.token import TokenError, token
-from service.client import ClientError
-from service.coordinator import CoordinatorError
-from service.coordinator.lock import LockError
-from service.db.engine import DatabaseError
-from service.missed_thrust.analysis_spec import GridError
-from service.new_file import FileError
-from service.portable.errors import PortableError
-from service.settings import SettingsError
-from service.solutions.refine import RefineError
-from service.solutions.verification import VerificationError
-from service.spec import SpecError
-from service.store import StoreError
-from workers.client import ApiError
-from workers.executor import ExecutorError
-from workers.source import SourceError
+from core.faults import UserError
+from service.cli.faults import complain, fault_line
+from workers.provenance import code_version
 
-#: What a user can cause, and mend.
-USER_ERRORS = (
-    SpecError,
-    StoreError,
-    DatabaseError,
-    LockError,
-    BindError,
-    SettingsError,
-    TokenError,
-    ReportError,
-    CoordinatorError,
-    ExecutorError,
-    DispatchError,
-    ClientError,
-    ApiError,
-    SourceError,
-    VerificationError,
-    RefineError,
-    ProblemError,
-    ExportError,
-    FileError,
-    PortableError,
-    GridError,
-    ExampleError,
-    BenchmarkError,
-)
+#: Commands and groups in the order in which a newcomer needs them: where each is, and what it is for.
+COMMANDS = {
+    "run": (
+        "service.cli.run:run",
+        "Run a campaign on this machine to its end; the same command goes on after an interruption.",
+    ),
+    "serve": (
+        "service.cli.run:serve",
+        "Serve the page and the API, and work on every campaign that is submitted, until interrupted.",
+    ),
+    "submit": ("service.cli.submit:submit", "Submit a campaign to a running coordinator."),
+    "dispatch": (
+        "service.cli.dispatch:dispatch_command",
+        "Work for a coordinator, here or elsewhere, until interrupted; several may work for one.",
+    ),
+    "status": (
+        "service.cli.control:status",
+        "Show campaigns, workers and dead jobs, or one campaign with its searches.",
+    ),
+    "watch": (
+        "service.cli.control:watch",
+        "Follow a campaign until it ends; with --json as one event a line.",
+    ),
+    "pause": (
+        "service.cli.control:pause",
+        "Hand out no more jobs of a campaign or of one search; those that run finish.",
+    ),
+    "resume": ("service.cli.control:resume", "Let a paused campaign, or one search of it, go on."),
+    "cancel": (
+        "service.cli.control:cancel",
+        "End a campaign, or one search of it, for good; running solves are stopped, results are kept.",
+    ),
+    "share": (
+        "service.cli.control:share",
+        "Change when a campaign or one search of it gets workers, and how large a part of them.",
+    ),
+    "solutions": ("service.cli.solutions:solutions", "Look at solutions, find them again, take them away."),
+    "seeds": (
+        "service.cli.control:seeds",
+        "Show which solutions would seed a search or a problem, and by which mapping.",
+    ),
+    "report": (
+        "service.cli.report:report",
+        "Write the report of a campaign, finished or not: one HTML page, and its figures and tables.",
+    ),
+    "campaigns": ("service.cli.campaigns:campaigns", "Take campaigns from one installation to another."),
+    "analyse": ("service.cli.analyse:analyse", "Find out what may happen to a solution."),
+    "benchmark": (
+        "service.cli.benchmark:benchmark",
+        "Show and check the open set of robust problems; compare solutions with it.",
+    ),
+    "example": ("service.cli.example:example", "Run an example from end to end."),
+    "bench": ("service.cli.bench:bench", "Measure the numerics, reports and the service."),
+    "db": ("service.cli.db:db", "Upgrade, check, back up and restore an archive."),
+    "token": ("service.cli.token:token", "Make, list and revoke tokens."),
+    "doctor": (
+        "service.cli.doctor:doctor",
+        "Check this installation, and say what to do where something is missing.",
+    ),
+}
 
-app = typer.Typer(
-    cls=InOrder,
-    help="Search for low-thrust trajectories that survive missed-thrust events.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-)
-for name, group in (
-    ("solutions", solutions),
-    ("campaigns", campaigns),
-    ("analyse", analyse),
-    ("bench", bench),
-    ("benchmark", benchmark),
-    ("db", db),
-    ("example", example),
-    ("token", token),
-):
-    app.add_typer(group, name=name)
-for command in (
-    run,
-    serve,
-    submit,
-    control.status,
-    control.watch,
-    control.pause,
-    control.resume,
-    control.cancel,
-    control.share,
-    control.seeds,
-    report,
-    doctor,
-):
-    app.command()(command)
-app.command("dispatch")(dispatch_command)
+
+def app_of(typed: Container[str] = COMMANDS) -> typer.Typer:
+    """Return the command line; a command that was not typed is there for the help alone."""
+    app = typer.Typer(
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+    )
+    app.callback()(_options)
+    for name, (place, summary) in COMMANDS.items():
+        if name not in typed:
+            app.command(name, help=summary)(_not_typed)
+            continue
+        module, _, attribute = place.partition(":")
+        command = getattr(import_module(module), attribute)
+        if isinstance(command, typer.Typer):
+            app.add_typer(command, name=name)
+        else:
+            app.command(name)(command)
+    return app
+
+
+def _print_version(is_asked: bool) -> None:
+    if is_asked:
+        typer.echo(f"coastarc {code_version()}")
+        raise typer.Exit
+
+
+Version = Annotated[
+    bool, typer.Option("--version", help="Print the version.", is_eager=True, callback=_print_version)
+]
+
+
+def _options(version: Version = False) -> None:
+    """Search for low-thrust trajectories that survive missed-thrust events."""
+
+
+def _not_typed() -> None:
+    """Stand for a command in the help."""
 
 
 def main() -> None:
@@ -112,12 +124,12 @@ def main() -> None:
         signal.signal(number, _as_interrupt)
     try:
         # Not by itself: what was typed wrongly is told in one line too.
-        sys.exit(app(prog_name="coastarc", standalone_mode=False) or 0)
+        sys.exit(app_of(sys.argv[1:2])(prog_name="coastarc", standalone_mode=False) or 0)
     except typer.TyperException as error:
         if line := fault_line(error):
             complain(line)
         sys.exit(2)
-    except USER_ERRORS as error:
+    except UserError as error:
         complain(str(error))
         sys.exit(2)
     except KeyboardInterrupt:

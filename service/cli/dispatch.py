@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 from pydantic import SecretStr
 
+from core.faults import UserError
 from service.cli.options import WORKERS, Url, token_of
 from workers.dispatch import EXECUTOR_LOST, RUNNER, DispatchOrder, ExecutorKind, dispatch, stop_on_signals
 from workers.executor import ExecutorError, ExecutorLost
@@ -15,7 +16,7 @@ from workers.executor import ExecutorError, ExecutorLost
 Address = Annotated[str, typer.Option(help="Ray cluster to join, as host:port; local starts one.")]
 
 
-class DispatchError(RuntimeError):
+class DispatchError(UserError, RuntimeError):
     """Options of a dispatcher that do not go together."""
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
+from core.faults import UserError
 from service.cli import terminal
 from service.cli.options import Json, console, print_json
 
@@ -24,7 +25,7 @@ ROWS = (
 )
 
 
-class ExampleError(RuntimeError):
+class ExampleError(UserError, RuntimeError):
     """An example that did not come out on this machine."""
 
 

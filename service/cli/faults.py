@@ -1,13 +1,12 @@
-"""What a user typed wrongly, as one line like every other error; and the order of commands in the help."""
+"""What a user typed wrongly, as one line like every other error."""
 
 import re
 
+from rich.console import Console
+from rich.text import Text
 from typer import TyperException
-from typer.core import TyperGroup
 
-#: As a newcomer needs them; what is not named here comes before the last four.
-FIRST = "run serve submit dispatch status watch pause resume cancel share solutions seeds report".split()
-LAST = "bench db token doctor".split()
+errors = Console(stderr=True)
 
 #: What the parser says, and how we say it.
 _SAYINGS = (
@@ -24,13 +23,10 @@ _SAYINGS = (
 )
 
 
-class InOrder(TyperGroup):
-    """Lists commands as they are needed, and not as they are registered."""
-
-    def list_commands(self, ctx: object) -> list[str]:
-        """Return the names of the commands in the order of the help."""
-        others = [name for name in self.commands if name not in {*FIRST, *LAST}]
-        return [name for name in (*FIRST, *others, *LAST) if name in self.commands]
+def complain(message: str) -> None:
+    """Print an error in one line."""
+    # As text: what users typed may look like markup.
+    errors.print(Text.assemble(("error: ", "red"), message), soft_wrap=True)
 
 
 def fault_line(error: TyperException) -> str:

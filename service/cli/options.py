@@ -11,7 +11,6 @@ from platformdirs import user_data_path
 from pydantic import BaseModel, TypeAdapter
 from rich.console import Console
 from rich.table import Table
-from rich.text import Text
 
 from service.client import Client
 from service.settings import Settings, SettingsError
@@ -33,7 +32,6 @@ MaybeUrl = Annotated[
 
 # What is piped into a file has no width to respect.
 console = Console(width=None if sys.stdout.isatty() else 140)
-errors = Console(stderr=True)
 
 
 def client_of(url: str) -> Client:
@@ -68,9 +66,3 @@ def show(content: Any, table: Table, as_json: bool) -> None:
         print_json(content)
     else:
         console.print(table)
-
-
-def complain(message: str) -> None:
-    """Print an error in one line."""
-    # As text: what users typed may look like markup.
-    errors.print(Text.assemble(("error: ", "red"), message), soft_wrap=True)

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from core.faults import UserError
 from service.cli.options import DATA, Data
 from service.store import Store
 
@@ -15,7 +16,7 @@ Out = Annotated[Path | None, typer.Option(help="Folder to write to; report-NAME 
 Json = Annotated[bool, typer.Option("--json", help="Print the tables as JSON, and write nothing.")]
 
 
-class ReportError(RuntimeError):
+class ReportError(UserError, RuntimeError):
     """A place that no report can be written to."""
 
 

@@ -10,7 +10,8 @@ from rich.live import Live
 from service import logs
 from service.api.schemas import CampaignView, JobView
 from service.cli import terminal
-from service.cli.options import DATA, DEFAULT_PORT, WORKERS, Data, SpecFile, Workers, complain, console
+from service.cli.faults import complain
+from service.cli.options import DATA, DEFAULT_PORT, WORKERS, Data, SpecFile, Workers, console
 from service.coordinator import Coordinator, Crew
 from service.scheduler.states import ENDED
 from service.spec import load_spec

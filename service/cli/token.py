@@ -15,7 +15,7 @@ import httpx
 import typer
 from pydantic import BaseModel, ValidationError
 
-from core.faults import fault_lines
+from core.faults import UserError, fault_lines
 from service.access.rights import Role
 from service.api.identity_schemas import NewToken, TokenPage, TokenRequest, TokenView
 from service.cli import terminal
@@ -31,7 +31,7 @@ Url = Annotated[str | None, typer.Option(help="Coordinator to ask, if one is run
 Out = Annotated[Path | None, typer.Option(help="New file for the token, for nobody else to read.")]
 
 
-class TokenError(RuntimeError):
+class TokenError(UserError, RuntimeError):
     """A token that could not be made, listed, revoked or handed over."""
 
 

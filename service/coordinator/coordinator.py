@@ -13,6 +13,7 @@ from typing import Self
 import uvicorn
 from pydantic import SecretStr
 
+from core.faults import UserError
 from service.access.rights import Role
 from service.access.security import Access, access_on
 from service.app import create_app
@@ -31,7 +32,7 @@ SERVER_PATIENCE_S = 10.0
 TOKEN_NAME, TOKEN_DAYS = "own dispatcher", 3650.0
 
 
-class CoordinatorError(RuntimeError):
+class CoordinatorError(UserError, RuntimeError):
     """A part of the coordinator that failed."""
 
 

@@ -7,8 +7,10 @@ import os
 from pathlib import Path
 from typing import Self
 
+from core.faults import UserError
 
-class LockError(RuntimeError):
+
+class LockError(UserError, RuntimeError):
     """A data folder in which another coordinator works, or nobody can."""
 
 

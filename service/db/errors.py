@@ -9,8 +9,10 @@ from typing import Any
 
 from sqlalchemy.exc import DBAPIError
 
+from core.faults import UserError
 
-class DatabaseError(RuntimeError):
+
+class DatabaseError(UserError, RuntimeError):
     """A place that holds no archive of this version, or none at all."""
 
 

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from core.faults import UserError
 from core.problem import LONGEST_OUTAGE_DAYS, Problem
 
 #: How an analysis is called, before the beginning of the solution's id.
@@ -25,7 +26,7 @@ _LIST = re.compile(rf"{_NUMBER}(?:,{_NUMBER})*")
 _MOST = 400
 
 
-class GridError(ValueError):
+class GridError(UserError, ValueError):
     """Segments or durations that cannot be tried; the message says why."""
 
 

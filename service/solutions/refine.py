@@ -11,6 +11,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from core.faults import UserError
 from core.problem import ProblemError, problem_from
 from core.search import REFINED, refined_problem
 from service.api.solution_schemas import RecordInFull
@@ -19,7 +20,7 @@ from service.store import Store
 from service.store.filter import Filter
 
 
-class RefineError(ValueError):
+class RefineError(UserError, ValueError):
     """A refinement that cannot be."""
 
 

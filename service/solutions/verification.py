@@ -13,6 +13,7 @@ from itertools import islice
 
 from pydantic import BaseModel
 
+from core.faults import UserError
 from service.store import Store
 from service.store.certificates import Subject
 from service.store.filter import Filter
@@ -24,7 +25,7 @@ RANKS = {"none": 0, "paper": 1, "strict": 2}
 AHEAD = 2
 
 
-class VerificationError(ValueError):
+class VerificationError(UserError, ValueError):
     """A wish for solutions that cannot be met."""
 
 

@@ -11,13 +11,14 @@ from typing import Annotated, Any, Self
 
 from pydantic import BeforeValidator, Field, StrictInt, ValidationError, model_validator
 
+from core.faults import UserError
 from core.problem import Problem, ProblemError, beside, content_hash, problem_from, validation_message
 from core.search import expand_mapping
 from service.spec.pairing import first_pair, require_seedable
 from service.spec.search_spec import SHARING, Name, Priority, SearchSpec, Strict
 
 
-class SpecError(ValueError):
+class SpecError(UserError, ValueError):
     """A specification that cannot be run; one line per field, with value and reason."""
 
 

@@ -8,8 +8,10 @@ Conflict        what is stored already stands against it
     WorkerRefused   a worker that would not compute what the others do
 """
 
+from core.faults import UserError
 
-class StoreError(RuntimeError):
+
+class StoreError(UserError, RuntimeError):
     """Something that the store refuses to do."""
 
 

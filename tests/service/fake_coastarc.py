@@ -18,7 +18,7 @@ def main():
     if LEASE in os.environ:
         lease_s = float(os.environ[LEASE])
         leases = LeaseSettings(lease_s, heartbeat_s=lease_s / 4, reap_s=lease_s / 4)
-        cli.Coordinator = partial(Coordinator, leases=leases)
+        cli_run.Coordinator = partial(Coordinator, leases=leases)
     cli.main()
 
 

@@ -14,7 +14,7 @@ from service.access.security import MAX_BODY_BYTES, MAX_REPORT_BYTES, MAX_TARGET
 from service.api.document import EXAMPLES
 from service.api.prometheus import _places, _work, _writes
 from service.app import create_app
-from service.cli import app as commands
+from service.cli import app_of
 from service.settings import Settings
 from service.store import pruning
 from service.store.gauges import Reading
@@ -44,7 +44,7 @@ def command_names(command, name="coastarc"):
     return [full for word, one in inner.items() for full in command_names(one, f"{name} {word}")]
 
 
-@pytest.mark.parametrize("name", command_names(typer.main.get_command(commands)))
+@pytest.mark.parametrize("name", command_names(typer.main.get_command(app_of())))
 def test_every_command_is_documented(name):
     assert re.search(rf"`{name}( [A-Z]+)*`", API), name
 

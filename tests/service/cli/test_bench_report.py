@@ -4,7 +4,7 @@ import numpy as np
 from typer.testing import CliRunner
 
 from service.bench.archive import fill
-from service.cli import app
+from service.cli import app_of
 from service.spec import spec_from
 from service.store import Store
 from tests.service.campaigns import spec_fields
@@ -23,7 +23,9 @@ def test_a_made_up_archive_holds_as_many_solves_as_asked_for(tmp_path):
 def test_the_report_of_a_made_up_archive_is_timed(tmp_path):
     spec = tmp_path / "spec.json"
     spec.write_text(json.dumps(spec_fields()))
-    run = CliRunner().invoke(app, ["bench", "report", "--outcomes", "100", "--spec", str(spec), "--json"])
+    run = CliRunner().invoke(
+        app_of(), ["bench", "report", "--outcomes", "100", "--spec", str(spec), "--json"]
+    )
     assert run.exit_code == 0, run.output
     told = json.loads(run.output)
     assert told["settings"]["outcomes"] == 100 and {"cpu_seconds", "wall_seconds"} == set(told["report"])

@@ -143,7 +143,7 @@ def commands(command, path=()):
 def test_every_command_and_every_option_says_in_a_sentence_what_it_does():
     import typer
 
-    for path, command in commands(typer.main.get_command(cli.app)):
+    for path, command in commands(typer.main.get_command(cli.app_of())):
         assert command.help and re.match(r"[A-Z].*[.)]$", command.help.strip(), re.DOTALL), path
         for parameter in command.params:
             words = getattr(parameter, "help", None) or ""

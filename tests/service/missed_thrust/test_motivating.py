@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from service.cli import app
+from service.cli import app_of
 from service.missed_thrust import motivating as module
 
 DEPARTURE = datetime.fromisoformat("2026-04-26T14:47:58")
@@ -27,7 +27,7 @@ def coastarc(example, monkeypatch):
     monkeypatch.setattr(module, "motivating", lambda: example)
 
     def call(*words):
-        result = CliRunner().invoke(app, ["example", "motivating", *words])
+        result = CliRunner().invoke(app_of(), ["example", "motivating", *words])
         assert result.exit_code == 0, result.output
         return result.output
 

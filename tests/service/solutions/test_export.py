@@ -159,7 +159,7 @@ def commands_of(text):
 
 @pytest.mark.parametrize("words", commands_of(DOCS), ids=" ".join)
 def test_a_command_of_the_documents_is_one_of_the_program(words):
-    command, arguments = typer.main.get_command(cli.app), words[1:]
+    command, arguments = typer.main.get_command(cli.app_of()), words[1:]
     while getattr(command, "commands", None):
         command, arguments = command.commands[arguments[0]], arguments[1:]
     # Raises where an option, its value or an argument is not what the command takes.

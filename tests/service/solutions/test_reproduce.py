@@ -5,7 +5,7 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-from service.cli import app
+from service.cli import app_of
 from service.cli import reproduce as cli_reproduce
 from service.solutions.reproduce import reproduce, verdict
 from service.store import Store
@@ -94,16 +94,16 @@ def test_the_command_says_the_same_and_ends_with_zero(finished, monkeypatch):
     monkeypatch.setattr(cli_reproduce, "_runner", run_fake)
     record = finished.all_records(Filter())[0]
     arguments = ["solutions", "reproduce", record.id[:10], "--data", str(finished.folder)]
-    done = CliRunner().invoke(app, arguments)
+    done = CliRunner().invoke(app_of(), arguments)
     assert done.exit_code == 0 and "agree in every bit" in done.output
-    told = json.loads(CliRunner().invoke(app, [*arguments, "--json"]).output)
+    told = json.loads(CliRunner().invoke(app_of(), [*arguments, "--json"]).output)
     assert told["is_same"] and told["id"] == record.id
 
 
 def test_the_command_ends_with_one_where_a_bit_differs(finished, monkeypatch):
     monkeypatch.setattr(cli_reproduce, "_runner", changed)
     record = finished.all_records(Filter())[0]
-    done = CliRunner().invoke(app, ["solutions", "reproduce", record.id, "--data", str(finished.folder)])
+    done = CliRunner().invoke(app_of(), ["solutions", "reproduce", record.id, "--data", str(finished.folder)])
     assert done.exit_code == 1 and "Another vector" in done.output
 
 
