@@ -8,9 +8,9 @@ BIN := $(VENV)/bin
 run: $(VENV)/.installed
 	$(BIN)/coastarc run examples/quick.toml
 
-# Files of tests side by side; more than four would mostly wait for each other's compilations.
+# Files of tests side by side, one more than there are processors, since many wait for processes of their own.
 test: $(VENV)/.installed-test
-	$(BIN)/python -m pytest -n logical --maxprocesses 4 --dist loadfile
+	$(BIN)/python -m pytest -n $$(($$(getconf _NPROCESSORS_ONLN) + 1)) --maxprocesses 5 --dist loadfile
 
 # The same solutions inline, on the process pool and on Ray, with the real solver: some twenty minutes.
 same: $(VENV)/.installed-test

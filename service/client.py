@@ -214,7 +214,7 @@ class Client:
         wanted: SeedsWanted,
     ) -> schemas.SeedPage:
         """Return which solutions would seed a problem, and how."""
-        outage = None if outages is None else [f"{segment}:{days:g}" for segment, days in outages]
+        outage = None if outages is None else [f"{segment}:{days!r}" for segment, days in outages]
         asked = {"problem": problem_hash, "outage": outage, "k": seed_k, **_choice(wanted)}
         return self._ask("seeds", schemas.SeedPage, **asked)
 

@@ -1,8 +1,24 @@
-"""One simulated Ray cluster for all tests that need one, since its start takes many seconds."""
+"""What all tests share: kernels compiled once, and one simulated Ray cluster, whose start takes many seconds."""
+
+import os
+import subprocess
+import sys
 
 import pytest
 
 from tests.ray_clusters import nodes
+from workers.threads import single_threaded
+
+COMPILE = (
+    "from core import load_problem\nfrom workers.job import Settings\nfrom workers.run import warmed\n"
+    "warmed(load_problem('ppe-drm3').model_dump(mode='json'), Settings())"
+)
+
+
+def pytest_sessionstart(session):
+    """Compile before tests run side by side, or each of their processes would, for a minute, the same."""
+    if session.config.getoption("numprocesses", None):
+        subprocess.run([sys.executable, "-c", COMPILE], env=single_threaded(os.environ), check=True)
 
 
 class LentCluster:

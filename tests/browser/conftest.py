@@ -1,7 +1,7 @@
 """A real browser, real archives served by the real application, and what must never happen in a page.
 
 `make browser` runs everything here, and writes screenshots of every page in both themes and both widths to
-`build/screens`; `make test` runs what is not marked `screens`.
+`build/screens`; `make test` runs what is marked `short`: each page once, and what must never happen.
 """
 
 import os

@@ -1,13 +1,11 @@
 """The archive: its filters in the address, its pictures, its table and what is chosen for comparison."""
 
-import time
-
 import pytest
 
 from service.store.filter import Filter
 from service.store.page import Order
 from tests.acceptance import known
-from tests.browser.conftest import PATIENCE, SCREENS
+from tests.browser.conftest import SCREENS
 
 
 def drawn(page):
@@ -19,6 +17,7 @@ def ids(page):
     return page.locator("#solutions tr[data-id]").evaluate_all("rows => rows.map(row => row.dataset.id)")
 
 
+@pytest.mark.short
 def test_it_shows_all_solutions_the_least_delta_v_first(archive, visit):
     store, url = archive
     found = store.all_records(Filter(), order=Order("delta_v_km_s"))
@@ -139,8 +138,7 @@ def test_a_filter_without_solutions_says_so_and_an_empty_archive_what_to_do(arch
         page.close()
 
 
-@pytest.mark.screens  # it measures time, which `make test` does not
-def test_a_new_solution_appears_within_two_seconds(visit, served, tmp_path):
+def test_a_new_solution_appears_by_itself(visit, served, tmp_path):
     with served(tmp_path) as (store, url):
         known.submitted(store)
         page = visit(f"{url}/archive")
@@ -148,13 +146,12 @@ def test_a_new_solution_appears_within_two_seconds(visit, served, tmp_path):
         work = known.dispatcher(store)
         while not store.all_records(Filter()):
             work.step()
-        began = time.monotonic()
-        page.wait_for_selector("#solutions tr[data-id]", timeout=PATIENCE)
-        assert time.monotonic() - began < 2.0
+        page.wait_for_selector("#solutions tr[data-id]")
         drawn(page)
         page.close()
 
 
+@pytest.mark.short
 def test_names_from_users_are_shown_as_text(archive, visit):
     name = "<img src=x onerror=alert(1)>"
 
@@ -170,7 +167,6 @@ def test_names_from_users_are_shown_as_text(archive, visit):
     assert page.locator("main img").count() == 0
 
 
-@pytest.mark.screens
 @pytest.mark.parametrize("theme", ["dark", "light"])
 @pytest.mark.parametrize("width", [1280, 390])
 def test_it_fits_and_every_control_has_a_name(archive, visit, theme, width):

@@ -30,6 +30,7 @@ def names(page, plot):
     return page.evaluate(f"[...new Set(document.getElementById('{plot}').data.map(t => t.name))]")
 
 
+@pytest.mark.short
 def test_numbers_stand_side_by_side_and_the_best_is_marked(sides, visit):
     address, found = sides
     page = visit(address)
@@ -96,7 +97,6 @@ def test_an_unknown_solution_is_told(sides, visit):
     visit.complaints.clear()
 
 
-@pytest.mark.screens
 @pytest.mark.parametrize("theme", ["dark", "light"])
 @pytest.mark.parametrize("width", [1280, 390])
 def test_it_fits(sides, visit, theme, width):

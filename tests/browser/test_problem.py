@@ -21,6 +21,7 @@ def drawn(page):
     return page
 
 
+@pytest.mark.short
 def test_it_says_in_words_and_numbers_what_is_solved(problems, visit):
     page = visit(f"{problems[2]}/problems/{problems[1]}")
     assert page.inner_text("#title") == "Problem with 1 outage"
@@ -87,7 +88,6 @@ def test_an_unknown_problem_is_told_and_its_name_is_only_text(archive, visit):
     visit.complaints[:] = [text for text in visit.complaints if "status of 4" not in text]
 
 
-@pytest.mark.screens
 @pytest.mark.parametrize("theme", ["dark", "light"])
 @pytest.mark.parametrize("width", [1280, 390])
 def test_the_page_fits(problems, visit, theme, width):

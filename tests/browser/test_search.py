@@ -26,6 +26,7 @@ def hopped(tmp_path_factory):
         yield url
 
 
+@pytest.mark.short
 def test_every_hop_of_every_chain_is_a_mark_that_leads_to_its_solution(hopped, visit):
     page = visit(f"{hopped}/campaigns/1/searches/adaptive")
     assert page.locator("[data-solve]").count() == 120
@@ -136,7 +137,6 @@ def test_a_search_is_paused_weighed_and_cancelled_after_a_question(visit, served
         page.close()
 
 
-@pytest.mark.screens
 @pytest.mark.parametrize("name", ["adaptive", "mapped"])
 @pytest.mark.parametrize("theme", ["light", "dark"])
 @pytest.mark.parametrize("width", [1280, 390])

@@ -10,6 +10,7 @@ from service.dashboard.views import VIEWS
 from tests.acceptance import known
 
 
+@pytest.mark.short
 def test_without_a_campaign_the_first_page_says_how_to_start_one(visit, served, tmp_path):
     with served(tmp_path) as (_, url):
         page = visit(url)
@@ -55,6 +56,7 @@ def test_a_stopped_coordinator_is_told_calmly_and_found_again(visit, served, tmp
     visit.complaints.clear()
 
 
+@pytest.mark.short
 def test_the_browser_enforces_the_policy(archive, visit):
     page = visit(archive[1])
     policy = page.request.get(archive[1]).headers["content-security-policy"]

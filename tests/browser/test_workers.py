@@ -74,6 +74,7 @@ def test_where_sign_in_is_required_the_command_names_a_token(visit, browser, tmp
             server.stop()
 
 
+@pytest.mark.short
 def test_a_worker_is_shown_with_what_it_does_and_needs(busy, visit):
     page = visit(f"{busy[1]}/workers")
     row = page.inner_text("#workers tbody tr")
@@ -140,7 +141,6 @@ def test_what_a_worker_does_appears_by_itself(busy, visit):
     page.wait_for_selector("[data-attempt] >> nth=4", state="attached", timeout=10_000)
 
 
-@pytest.mark.screens
 @pytest.mark.parametrize("theme", ["light", "dark"])
 @pytest.mark.parametrize("width", [1280, 390])
 def test_workers_and_jobs_fit_the_screen(busy, visit, theme, width):
@@ -151,7 +151,6 @@ def test_workers_and_jobs_fit_the_screen(busy, visit, theme, width):
     assert page.evaluate("document.documentElement.scrollWidth") == width
 
 
-@pytest.mark.screens
 @pytest.mark.parametrize("width", [1280, 390])
 def test_an_idle_coordinator_fits_the_screen(visit, tmp_path, width):
     with serving(tmp_path) as (_, url):
