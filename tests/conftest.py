@@ -1,4 +1,4 @@
-"""What all tests share: kernels compiled once, and one simulated Ray cluster, whose start takes many seconds."""
+"""What tests share: kernels compiled once, and a simulated Ray cluster, whose start takes many seconds."""
 
 import os
 import subprocess

@@ -4,6 +4,7 @@
 """
 
 import json
+import secrets
 import sys
 from pathlib import Path
 
@@ -16,7 +17,9 @@ def main() -> None:
     """Serve until nobody holds the other end of the input."""
     logs.configure(level="WARNING")
     with Coordinator(Path(sys.argv[1])) as coordinator:
-        token = coordinator.store.identities.create("simulated workers", Role.WORKER, 30.0).token
+        # A folder may have been measured before.
+        name = f"simulated workers {secrets.token_hex(4)}"
+        token = coordinator.store.identities.create(name, Role.WORKER, 30.0).token
         sys.stdout.write(json.dumps({"url": coordinator.url, "token": token}) + "\n")
         sys.stdout.flush()
         sys.stdin.read()

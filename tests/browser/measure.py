@@ -40,6 +40,8 @@ SENT = (
     "performance.getEntriesByType('navigation').concat(performance.getEntriesByType('resource'))"
     ".reduce((sum, entry) => sum + entry.encodedBodySize, 0)"
 )
+#: Solves that a campaign's page tells of, over its searches.
+SOLVES = "[...document.querySelectorAll('[data-search]')].reduce((n, row) => n + +row.dataset.solves, 0)"
 PAINT = "performance.getEntriesByName('first-contentful-paint')[0].startTime"
 
 
@@ -89,23 +91,32 @@ def load(told, rate_per_s):
     workers.join(60)
 
 
+def lateness(page, n_solves):
+    """Return how long it takes until the page tells of as many solves as are stored now [s]."""
+    began = time.monotonic()
+    page.wait_for_function(f"{SOLVES} >= {n_solves}", timeout=300_000, polling=20)
+    return time.monotonic() - began
+
+
 def growth(browser, told, minutes, rate_per_s):
-    """Return the heap and the elements of a campaign's page, by time, while outcomes come in."""
+    """Return heap, elements and delay of a campaign's page, by time, while outcomes come in."""
     page = browser.new_context(viewport={"width": 1280, "height": 900}).new_page()
     page.goto(told["url"] + "/campaigns/1")
     page.wait_for_selector("body[data-refreshed]", timeout=300_000)
     tools = page.context.new_cdp_session(page)
-    samples = []
+    samples, before = [], page.evaluate(SOLVES)
     with load(told, rate_per_s) as n_done:
         while not n_done.value:
             page.wait_for_timeout(100)
         began = time.monotonic()
         for share in np.linspace(0.0, 1.0, 13):
             page.wait_for_timeout(max(0.0, 1e3 * (began + 60.0 * minutes * share - time.monotonic())))
+            late_s = lateness(page, before + n_done.value)
             tools.send("HeapProfiler.collectGarbage")
             samples.append({
                 "minutes": (time.monotonic() - began) / 60.0,
                 "n_outcomes": n_done.value,
+                "result_shown_s": late_s,
                 "heap_mb": tools.send("Runtime.getHeapUsage")["usedSize"] / 1e6,
                 "n_nodes": tools.send("Memory.getDOMCounters")["nodes"],
             })  # fmt: skip
