@@ -23,6 +23,7 @@ from service.api import (
     metrics,
     missed_thrust,
     pages,
+    portable,
     problems,
     searches,
     seeds,
@@ -38,6 +39,7 @@ from service.store import Store
 
 ROUTERS = (
     campaigns.router,
+    portable.router,
     history.router,
     specs.router,
     metrics.router,

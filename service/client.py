@@ -8,17 +8,21 @@ called as those of the store, so that a command can read either.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self, TypeVar
 from urllib.parse import quote
 
+import httpx
 from pydantic import BaseModel, ValidationError
 
 from core.faults import UserError
+from service.access.security import MAX_PORTABLE_BYTES
 from service.api import schemas
 from service.api.history_schemas import CampaignCards
 from service.api.lineage_schemas import Reproduction
 from service.api.missed_thrust_schemas import MissedThrustPage
+from service.api.portable_schemas import TakenInView
 from service.api.solution_schemas import RecordInFull
 from service.store.seeds import SeedsWanted
 from workers.client import TIMEOUT_S, Api, ApiError, Rejected
@@ -30,6 +34,9 @@ Verb = Literal["pause", "resume", "cancel"]
 
 #: The coordinator makes the departure and the target before it answers a submission [s].
 SUBMISSION_S = 180.0
+#: A campaign is packed before the first byte of its file comes, and judged before a file is answered [s].
+PORTABLE_S = 3600.0
+_PORTABLE = httpx.Timeout(TIMEOUT_S, read=PORTABLE_S)
 #: Longest silence of a stream, which sends a sign of life every 15 s [s].
 SILENCE_S = 40.0
 
@@ -67,6 +74,7 @@ ROUTES = {
         f"{verb}_search": Route("POST", f"{_SEARCH}/{verb}", schemas.CampaignView)
         for verb in ("pause", "resume", "cancel")
     },
+    "import_campaign": Route("POST", "/campaigns/import", TakenInView),
     "order_campaign": Route("POST", f"{_ONE}/priority", schemas.CampaignView),
     "order_search": Route("POST", f"{_SEARCH}/priority", schemas.CampaignView),
     "weigh_search": Route("POST", f"{_SEARCH}/weight", schemas.CampaignView),
@@ -119,6 +127,22 @@ class Client:
         )
         return view, status == 201
 
+    def import_campaign(self, file: Path) -> TakenInView:
+        """Send a portable file, of which all is taken in or nothing."""
+        more: dict[str, Any] = {"headers": {"Content-Type": "application/zip"}, "timeout": _PORTABLE}
+        try:
+            n_bytes, content = file.stat().st_size, file.open("rb")
+        except OSError as error:
+            raise ClientError(f"file {file}: expected a file to send, got {error.strerror}") from error
+        with content:
+            if n_bytes > MAX_PORTABLE_BYTES:
+                raise ClientError(
+                    f"file {file}: expected at most {MAX_PORTABLE_BYTES} bytes, got {n_bytes}; stop the "
+                    f"coordinator and take it in on its machine, with --data"
+                )
+            path = ROUTES["import_campaign"].path
+            return _named(lambda: self._api.ask("POST", path, TakenInView, content=content, **more))
+
     def control_campaign(self, campaign_id: int, verb: Verb) -> schemas.CampaignView:
         """Pause, resume or cancel a campaign."""
         return self._ask(verb, schemas.CampaignView, campaign_id=campaign_id)
@@ -161,6 +185,13 @@ class Client:
     def campaign(self, campaign_id: int) -> schemas.CampaignView:
         """Return a campaign with its searches."""
         return self._ask("campaign", schemas.CampaignView, campaign_id=campaign_id)
+
+    def export_campaign(self, campaign_id: int) -> Iterator[bytes]:
+        """Yield the portable file of a campaign piece by piece."""
+        try:
+            yield from self._api.pieces(f"{_ONE}/export".format(campaign_id=campaign_id), PORTABLE_S)
+        except (ApiError, Unreachable) as error:
+            raise _client_error(error) from error
 
     def find_campaign(self, name_or_id: str) -> int:
         """Return the campaign of an id, or the newest of a name."""

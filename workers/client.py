@@ -113,12 +113,24 @@ class Api:
     @contextmanager
     def stream(self, path: str, headers: Mapping[str, str], read_timeout_s: float) -> Iterator[Iterator[str]]:
         """Give the lines of an answer that stays open."""
+        with self._opened(path, headers, read_timeout_s) as reply:
+            yield reply.iter_lines()
+
+    def pieces(self, path: str, read_timeout_s: float) -> Iterator[bytes]:
+        """Yield an answer that is too large for memory piece by piece; raise where its end is missing."""
+        with self._opened(path, {}, read_timeout_s) as reply:
+            yield from reply.iter_bytes()
+
+    @contextmanager
+    def _opened(
+        self, path: str, headers: Mapping[str, str], read_timeout_s: float
+    ) -> Iterator[httpx.Response]:
         timeout = httpx.Timeout(TIMEOUT_S, read=read_timeout_s)
         with self._faults_named(), self._http.stream("GET", path, headers=headers, timeout=timeout) as reply:
             if not reply.is_success:
                 reply.read()
                 self._refuse(reply)
-            yield reply.iter_lines()
+            yield reply
 
     @contextmanager
     def _faults_named(self) -> Iterator[None]:

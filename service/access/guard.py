@@ -17,7 +17,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.access.limits import Buckets, Streams
 from service.access.request_body import BodyFault, read_body, replayed
-from service.access.rights import ANYONE, RIGHTS, STREAMS, UNLOGGED, Role, least
+from service.access.rights import ANYONE, RIGHTS, STREAMS, UNLOGGED, UPLOADS, Role, least
 from service.access.route_index import RouteIndex
 from service.access.security import (
     ANSWER_HEADERS,
@@ -98,6 +98,7 @@ class Guard:
         self._workers = Buckets(settings.worker_requests_per_second, settings.worker_request_burst)
         self._nobody = Buckets(NOBODYS_AUDIT_PER_S, NOBODYS_AUDIT_BURST)
         self._streams = streams
+        self._uploads = Streams(1)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Check, then pass on."""
@@ -113,7 +114,9 @@ class Guard:
         if answer is not None:
             await answer(visit.scope, receive, outward)
         elif visit.line in STREAMS:
-            await self._stream(visit, receive, outward)
+            await self._while_open(self._streams, "streams", visit, receive, outward)
+        elif visit.line in UPLOADS:
+            await self._while_open(self._uploads, "uploads", visit, receive, outward)
         else:
             await self._pass_on(visit, receive, outward)
 
@@ -151,18 +154,20 @@ class Guard:
         is_worker = visit.identity is not None and visit.identity.role is Role.WORKER
         return (self._workers if is_worker else self._people).take(visit.client)
 
-    async def _stream(self, visit: Visit, receive: Receive, send: "_Outward") -> None:
-        if not self._streams.enter(visit.client):
-            answer = too_many("streams: expected fewer open ones, got as many as are allowed", 10)
+    async def _while_open(
+        self, counted: Streams, what: str, visit: Visit, receive: Receive, send: "_Outward"
+    ) -> None:
+        if not counted.enter(visit.client):
+            answer = too_many(f"{what}: expected fewer open ones, got as many as are allowed", 10)
             await answer(visit.scope, receive, send)
             return
         try:
             await self._pass_on(visit, receive, send)
         finally:
-            self._streams.leave(visit.client)
+            counted.leave(visit.client)
 
     async def _pass_on(self, visit: Visit, receive: Receive, send: "_Outward") -> None:
-        if visit.is_unsafe:
+        if visit.is_unsafe and visit.line not in UPLOADS:
             try:
                 body = await read_body(receive, visit.headers.get("content-type", ""), most_bytes(visit.path))
             except BodyFault as fault:

@@ -1,17 +1,19 @@
 """A request's body: read whole and bounded before a route sees it, and refused if it holds no number.
 
+One that is too large for memory goes to a file, when its route asks for it.
+
 JSON knows neither NaN nor infinities, but Python's parser takes both, and turns 1e999 into one.
 """
 
 import json
 import math
 import re
-from typing import Any
+from typing import Any, BinaryIO
 
 import anyio
 from starlette.types import Message, Receive
 
-#: How long a client may take to send a body [s].
+#: How long a client may take to send a body, or the next piece of one that goes to a file [s].
 PATIENCE_S = 30.0
 #: What can become a number that is not finite; only such bodies are parsed here as well.
 _SUSPECT = re.compile(rb"NaN|Infinity|[eE]\+?\d{3}|\d{300}")
@@ -44,6 +46,27 @@ async def read_body(receive: Receive, content_type: str, most_bytes: int) -> byt
                 _require_finite(body, content_type)
                 return body
     raise BodyFault(408, f"body: expected all of it within {PATIENCE_S:.0f} s, got {n_bytes} bytes")
+
+
+async def save_body(receive: Receive, most_bytes: int, file: BinaryIO) -> None:
+    """Write the body to a file piece by piece, or raise a BodyFault."""
+    n_bytes = 0
+    is_whole = False
+    while not is_whole:
+        message: Message = {"type": "none"}
+        with anyio.move_on_after(PATIENCE_S):
+            message = await receive()
+        if message["type"] != "http.request":
+            raise BodyFault(408, f"body: expected its next piece within {PATIENCE_S:.0f} s, got none")
+        piece = message.get("body", b"")
+        n_bytes += len(piece)
+        if n_bytes > most_bytes:
+            raise BodyFault(413, f"body: expected at most {most_bytes} bytes, got more")
+        try:
+            await anyio.to_thread.run_sync(file.write, piece)
+        except OSError as error:
+            raise BodyFault(503, f"body: expected room for it, got {error.strerror}") from error
+        is_whole = not message.get("more_body", False)
 
 
 def replayed(body: bytes, receive: Receive) -> Receive:

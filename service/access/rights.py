@@ -70,6 +70,7 @@ RIGHTS: dict[str, frozenset[Role] | None] = {
     f"GET {_API}/campaigns/{{}}/spec": READERS,
     f"GET {_API}/campaigns/{{}}/events": READERS,
     f"GET {_API}/campaigns/{{}}/export": READERS,
+    f"POST {_API}/campaigns/import": SUBMITTERS,
     f"GET {_API}/campaigns/{{}}/metrics": READERS,
     f"POST {_API}/campaigns/{{}}/pause": SUBMITTERS,
     f"POST {_API}/campaigns/{{}}/resume": SUBMITTERS,
@@ -108,6 +109,8 @@ RIGHTS: dict[str, frozenset[Role] | None] = {
 }
 #: Answers that stay open; how many of them a token may have is limited.
 STREAMS = frozenset({f"GET {_API}/campaigns/{{}}/events", f"GET {_API}/events/stream"})
+#: Bodies too large for memory: their routes read them piece by piece, one at a time for each client.
+UPLOADS = frozenset({f"POST {_API}/campaigns/import"})
 #: Asked by POST for the size of what they are asked about; they change nothing.
 QUESTIONS = frozenset({f"POST {_API}/specs/check"})
 #: Left out of the audit, whose rest they would bury: questions, and changes whose trail is the attempts.

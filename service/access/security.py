@@ -37,6 +37,9 @@ MAX_BODY_BYTES = 512 * 1024
 #: The same for the report of a worker: a chain of thousands of hops brings a vector for each.
 MAX_REPORT_BYTES = 64 * 1024 * 1024
 REPORT_PATHS = ("/api/v1/jobs/complete", "/api/v1/jobs/complete-many")
+#: The same for the portable file of a campaign, which is never in memory as a whole.
+MAX_PORTABLE_BYTES = 1024 * 1024 * 1024
+PORTABLE_PATH = "/api/v1/campaigns/import"
 #: Longest path and query together [byte].
 MAX_TARGET_BYTES = 8 * 1024
 
@@ -106,6 +109,8 @@ def fault_of(scope: Scope, headers: Headers, access: Access) -> Fault | None:
 
 def most_bytes(path: str) -> int:
     """Return how large a body may be; it is read only after its sender's role is known."""
+    if path == PORTABLE_PATH:
+        return MAX_PORTABLE_BYTES
     return MAX_REPORT_BYTES if path in REPORT_PATHS else MAX_BODY_BYTES
 
 

@@ -4,7 +4,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from service.api import history_schemas, spec_schemas
+from service.api import history_schemas, portable_schemas, spec_schemas
 from service.api.examples import CAMPAIGN, SOLUTION
 
 _RATIO = {"value": 0.91, "low": 0.62, "high": 0.98}
@@ -93,10 +93,17 @@ SPEC_PLAN = {
     "core_hours_most": 1.0,
 }
 SPEC_TEXT = {"name": "quick", "toml": '[campaign]\nname = "quick"\nrng_seed = 2026\n'}
+TAKEN_IN = {
+    "campaign_id": 2,
+    "new_campaigns": ["study", "study, robust"],
+    "n_solves": 812,
+    "n_solutions": 706,
+}
 
 EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
     history_schemas.CampaignCards: {"items": [CARD]},
     history_schemas.HistoryView: HISTORY,
+    portable_schemas.TakenInView: TAKEN_IN,
     spec_schemas.SpecCheck: {"faults": [], "fields": SPEC, "plan": SPEC_PLAN},
     spec_schemas.SpecText: SPEC_TEXT,
     spec_schemas.SpecTemplates: {"items": [SPEC_TEXT]},

@@ -8,14 +8,10 @@ cannot be from the present state is refused with 409.
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Body, Header, Path, Response
-from fastapi.responses import StreamingResponse
-from starlette.background import BackgroundTask
 
 from service.api.context import Id, StoreHere
 from service.api.jobs import CONFLICT
 from service.api.schemas import CampaignView, PriorityWanted, WeightWanted
-from service.portable.files import file_name, packed, pieces
-from service.solutions.export import ZIP
 from service.spec import spec_from
 from service.spec.resolve import require_flyable
 
@@ -36,9 +32,6 @@ EXAMPLE = {
         },
     ],
 }
-
-#: How the OpenAPI document describes it.
-PORTABLE = {"schema": {"type": "string", "format": "binary"}, "example": "PK..."}
 
 Key = Annotated[str | None, Header(pattern="^[!-~]{1,200}$", description="Unique for each submission")]
 SearchName = Annotated[
@@ -71,21 +64,6 @@ def submit_campaign(
 def get_campaign(campaign_id: Id, store: StoreHere) -> CampaignView:
     """Return a campaign with its searches and how far they are."""
     return store.campaign(campaign_id)
-
-
-@router.get(
-    "/campaigns/{campaign_id}/export",
-    response_class=StreamingResponse,
-    responses={200: {"content": {ZIP: PORTABLE}}, **CONFLICT},
-)
-def export_campaign(campaign_id: Id, store: StoreHere) -> StreamingResponse:
-    """Return a campaign that is paused or has ended, and those that seed it, as one portable file."""
-    name = file_name(store.campaign(campaign_id).name)
-    draft = packed(store, campaign_id)
-    headers = {"Content-Disposition": f'attachment; filename="{name}"'}
-    return StreamingResponse(
-        pieces(draft), media_type=ZIP, headers=headers, background=BackgroundTask(draft.close)
-    )
 
 
 @router.post("/campaigns/{campaign_id}/pause", responses=CONFLICT)

@@ -13,9 +13,10 @@ from starlette.exceptions import HTTPException
 from core.export import ExportError
 from core.faults import fault_lines
 from core.problem import ProblemError
+from service.access.request_body import BodyFault
 from service.api.schemas import Fault
 from service.db.errors import WriteFault
-from service.portable.errors import PortableError
+from service.portable.errors import PortableConflict, PortableError
 from service.spec import SpecError
 from service.store import StoreError, UnknownRow
 from service.store.errors import Conflict
@@ -110,12 +111,17 @@ def add_error_handlers(app: FastAPI) -> None:
     @app.exception_handler(SpecError)
     @app.exception_handler(ExportError)
     @app.exception_handler(ProblemError)
-    def spec(_: Request, error: SpecError | ExportError | ProblemError) -> JSONResponse:
+    @app.exception_handler(PortableError)
+    def unusable(_: Request, error: Exception) -> JSONResponse:
         return problem_response(422, str(error))
 
-    @app.exception_handler(PortableError)
-    def portable(_: Request, error: PortableError) -> JSONResponse:
+    @app.exception_handler(PortableConflict)
+    def portable(_: Request, error: PortableConflict) -> JSONResponse:
         return problem_response(409, str(error), code="wrong_state")
+
+    @app.exception_handler(BodyFault)
+    def body(_: Request, error: BodyFault) -> JSONResponse:
+        return problem_response(error.status, str(error))
 
     @app.exception_handler(StaleAttempt)
     def stale(_: Request, error: StaleAttempt) -> JSONResponse:

@@ -72,10 +72,11 @@ def _digested(content: Iterable[bytes], take: Callable[[bytes], object]) -> Memb
 class Unpacked:
     """A portable file, opened for reading; all digests hold."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, content: Path | BinaryIO, name: str | None = None) -> None:
+        #: What errors call it.
+        self.name = name or str(content)
         try:
-            self._packed = zipfile.ZipFile(path)
+            self._packed = zipfile.ZipFile(content)
         except (OSError, zipfile.BadZipFile, NotImplementedError) as error:
             raise self._fault("a portable file of a campaign", error) from error
         try:
@@ -119,7 +120,7 @@ class Unpacked:
                 yield kind.model_validate_json(text)
             except ValidationError as error:
                 (first, *_) = fault_lines(name, error.errors(include_url=False), kind)
-                raise PortableError(f"file {self.path}: line {number} of {first}") from error
+                raise PortableError(f"file {self.name}: line {number} of {first}") from error
 
     def _texts(self, name: str) -> Iterator[bytes]:
         if name not in self.manifest.members:
@@ -143,7 +144,7 @@ class Unpacked:
             manifest = Manifest.model_validate_json(b"".join(self._pieces(MANIFEST)))
         except ValidationError as error:
             (first, *_) = fault_lines(MANIFEST, error.errors(include_url=False), Manifest)
-            raise PortableError(f"file {self.path}: {first}") from error
+            raise PortableError(f"file {self.name}: {first}") from error
         if manifest.version != VERSION:
             raise self._fault(f"version {VERSION}", f"{manifest.version}; install a newer coastarc")
         return manifest
@@ -174,4 +175,4 @@ class Unpacked:
             raise self._fault(f"a whole entry {name}", error) from error
 
     def _fault(self, expected: str, got: object) -> PortableError:
-        return PortableError(f"file {self.path}: expected {expected}, got {got}")
+        return PortableError(f"file {self.name}: expected {expected}, got {got}")

@@ -2,7 +2,9 @@
 
 import re
 import tempfile
+import threading
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import BinaryIO
 
@@ -13,11 +15,13 @@ from service.store import Store
 from service.store.portable_import import TakenIn
 
 _PIECE = 2**20
+#: A file that is refused takes the kernels it brought away again: no other may have begun to use them.
+_one_at_a_time = threading.Lock()
 
 
-def packed(store: Store, campaign_id: int) -> BinaryIO:
-    """Return the portable file of a campaign, without a name; it is gone when it is closed."""
-    draft = tempfile.TemporaryFile()
+def packed(store: Store, campaign_id: int, folder: Path | None = None) -> BinaryIO:
+    """Return the portable file of a campaign, without a name in any folder; it is gone when it is closed."""
+    draft = tempfile.TemporaryFile(dir=folder)
     try:
         store.write_portable(campaign_id, lambda campaign, entries: pack(draft, campaign, entries))
     except BaseException:
@@ -32,14 +36,20 @@ def pieces(stream: BinaryIO) -> Iterator[bytes]:
     return iter(lambda: stream.read(_PIECE), b"")
 
 
+def portable(store: Store, campaign_id: int) -> Iterator[bytes]:
+    """Yield the portable file of a campaign piece by piece."""
+    with closing(packed(store, campaign_id)) as draft:
+        yield from pieces(draft)
+
+
 def file_name(name: str) -> str:
     """Return what the portable file of a campaign is called."""
     return f"campaign-{re.sub('[^A-Za-z0-9._-]+', '-', name).strip('-.') or 'file'}.zip"
 
 
-def take_in_file(store: Store, file: Path) -> TakenIn:
-    """Take in a portable file whole, or change nothing."""
-    with Unpacked(file) as unpacked:
+def take_in_file(store: Store, file: Path | BinaryIO, name: str | None = None) -> TakenIn:
+    """Take in a portable file whole, or change nothing; `name` is what errors call it."""
+    with _one_at_a_time, Unpacked(file, name) as unpacked:
         new: list[Path] = []
         try:
             new.extend(unpack_targets(unpacked, store.folder))

@@ -69,7 +69,7 @@ def read_all(unpacked: Unpacked, data: Path) -> ReadFile:
     """
     campaigns = _campaigns(unpacked, data)
     if not campaigns or campaigns[-1].line.spec_hash != unpacked.manifest.campaign:
-        raise PortableError(f"file {unpacked.path}: expected the campaign of its manifest last, got another")
+        raise PortableError(f"file {unpacked.name}: expected the campaign of its manifest last, got another")
     problems: dict[str, Problem] = {}
     for campaign in campaigns:
         for search in campaign.spec.search:
@@ -95,7 +95,7 @@ def _campaigns(unpacked: Unpacked, data: Path) -> list[ReadCampaign]:
         try:
             spec = spec_from(local_fields(line.spec, data, unpacked.targets()), allow_files=True)
         except SpecError as error:
-            raise PortableError(f"file {unpacked.path}: {folder}: {error}") from error
+            raise PortableError(f"file {unpacked.name}: {folder}: {error}") from error
         require_campaign(line, spec, known)
         known[line.spec_hash] = spec
         found.append(ReadCampaign(line, spec, folder))

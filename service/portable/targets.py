@@ -80,7 +80,9 @@ def _write(place: Path, content: bytes) -> None:
             stream.write(content)
         os.replace(draft, place)
     except OSError as error:
-        raise PortableError(f"target {place}: expected a place to write it, got {error.strerror}") from error
+        raise PortableError(
+            f"target {place.name}: expected a place to write it, got {error.strerror}"
+        ) from error
 
 
 def _content(path: Path) -> bytes:

@@ -23,7 +23,7 @@ from service.db.tables import (
     SolveRow,
 )
 from service.portable.container import digest_of
-from service.portable.errors import PortableError
+from service.portable.errors import PortableConflict
 from service.portable.lines import JobLine
 from service.portable.reading import ReadCampaign, ReadFile
 from service.store.events import note
@@ -81,7 +81,7 @@ def take_in(session: Session, read: ReadFile, now: float) -> TakenIn:
 def _require_same(session: Session, row: CampaignRow, campaign: ReadCampaign, read: ReadFile) -> None:
     for name, content in campaign_entries(session, row, campaign.folder):
         if digest_of(content) != read.unpacked.manifest.members[name]:
-            raise PortableError(
+            raise PortableConflict(
                 f"campaign {row.name}: expected none here, or the same as in the file, got campaign {row.id} "
                 f"with other work; take the file in elsewhere with --data"
             )

@@ -18,7 +18,7 @@ from service.db.tables import (
     SolveRow,
 )
 from service.portable.container import Entry
-from service.portable.errors import PortableError
+from service.portable.errors import PortableConflict
 from service.portable.lines import (
     RESTING,
     AttemptLine,
@@ -81,7 +81,7 @@ def chain_of_campaigns(session: Session, campaign_id: int) -> list[CampaignRow]:
 def _require_at_rest(session: Session, campaign: CampaignRow) -> None:
     thing = f"campaign {campaign.id} ({campaign.name})"
     if campaign.state not in RESTING:
-        raise PortableError(
+        raise PortableConflict(
             f"{thing}: expected state {', '.join(RESTING[:-1])} or {RESTING[-1]}, got {campaign.state}; "
             f"wait for its end, or pause it with `coastarc pause {campaign.id}`"
         )
@@ -92,7 +92,9 @@ def _require_at_rest(session: Session, campaign: CampaignRow) -> None:
         .where(SearchRow.campaign_id == campaign.id, JobRow.state == "running")
     )
     if n_running := session.scalar(running):
-        raise PortableError(f"{thing}: expected no running jobs, got {n_running}; wait until they have ended")
+        raise PortableConflict(
+            f"{thing}: expected no running jobs, got {n_running}; wait until they have ended"
+        )
 
 
 def entries(session: Session, campaigns: Sequence[CampaignRow]) -> Iterator[Entry]:

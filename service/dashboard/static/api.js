@@ -66,6 +66,17 @@ export function post(path, body, headers = {}) {
 }
 
 /**
+ * Send a file as it is.
+ * @param {string} path
+ * @param {File} file
+ * @param {string} type
+ * @returns {Promise<any>}
+ */
+export function upload(path, file, type) {
+  return ask(address(path), { method: "POST", headers: { "Content-Type": type, Accept: "application/json" }, body: file });
+}
+
+/**
  * @param {string} url
  * @param {RequestInit} options
  */

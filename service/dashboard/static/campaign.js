@@ -21,6 +21,9 @@ import { el } from "./dom.js";
  * }} Campaign
  */
 
+/** Roles that may change something. */
+export const STEERING = ["submitter", "admin"];
+
 /** What each verb does, said before it is done. */
 const VERBS = {
   pause: ["Pause", "Jobs that run finish; no more are handed out until it is resumed."],

@@ -10,7 +10,14 @@ from service.access.limits import MAX_CLIENTS
 from service.access.request_body import PATIENCE_S
 from service.access.rights import RIGHTS, least, line_of
 from service.access.route_index import lines_of
-from service.access.security import MAX_BODY_BYTES, MAX_REPORT_BYTES, MAX_TARGET_BYTES, REPORT_PATHS
+from service.access.security import (
+    MAX_BODY_BYTES,
+    MAX_PORTABLE_BYTES,
+    MAX_REPORT_BYTES,
+    MAX_TARGET_BYTES,
+    PORTABLE_PATH,
+    REPORT_PATHS,
+)
 from service.api.document import EXAMPLES
 from service.api.prometheus import _places, _work, _writes
 from service.app import create_app
@@ -55,7 +62,8 @@ def test_the_limits_in_the_documents_are_those_of_the_service():
         f"at most {MAX_BODY_BYTES // 2**10} kB" in SECURITY and f"{MAX_REPORT_BYTES // 2**20} MB" in SECURITY
     )
     assert f"at most {MAX_TARGET_BYTES // 2**10} kB" in SECURITY and f"within {PATIENCE_S:.0f} s" in SECURITY
-    assert all(f"`{path}`" in SECURITY for path in REPORT_PATHS)
+    assert all(f"`{path}`" in SECURITY for path in (*REPORT_PATHS, PORTABLE_PATH))
+    assert f"{MAX_PORTABLE_BYTES // 2**30} GiB" in SECURITY
     assert f"{MAX_CLIENTS:_}".replace("_", " ") in SECURITY
     bucket = f"{allowed.request_burst} at once and then {allowed.requests_per_second:.0f} a second"
     workers = f"{allowed.worker_request_burst}\nand {allowed.worker_requests_per_second:.0f}"

@@ -34,6 +34,8 @@ CHECKS = [
     checks.response_schema_conformance,
     checks.negative_data_rejection,
 ]
+# The file of a campaign is bytes to it, like any other.
+schemathesis.serializer.alias("application/zip", "application/octet-stream")
 #: Requests per operation, allowed and not; 25 s for all of them on two slow cores.
 N_EXAMPLES = 8
 #: What is over in a second takes a busy machine longer.

@@ -8,9 +8,12 @@ import pytest
 from fastapi.testclient import TestClient
 
 from service import cli
+from service import client as people
 from service.app import create_app
 from service.cli.options import console
+from service.coordinator import Coordinator
 from service.store import Store
+from tests.acceptance import known
 from tests.service.campaigns import submitted
 
 
@@ -51,6 +54,44 @@ def test_what_is_refused_is_one_line_and_exit_code_2(coastarc, archive, tmp_path
     assert len(complaint.splitlines()) == 1
     code, _, complaint = coastarc("campaigns", "export", "never", data=archive.folder)
     assert code == 2 and "campaign never: expected one that exists" in complaint
+
+
+def test_a_campaign_goes_through_a_coordinator(coastarc, archive, tmp_path):
+    coastarc("campaigns", "export", 1, "-o", "local.zip", data=archive.folder)
+    with Coordinator(tmp_path / "busy") as coordinator:
+        there = ("--url", coordinator.url)
+        code, printed, _ = coastarc("campaigns", "import", "local.zip", *there, data=tmp_path / "none")
+        assert code == 0 and "Campaign 1: known solutions taken in, with 7 solves and 4 new" in printed
+        assert "nothing is new" in coastarc("campaigns", "import", "local.zip", *there, data=tmp_path)[1]
+        code, printed, _ = coastarc(
+            "campaigns", "export", "known solutions", "-o", "remote.zip", *there, data=tmp_path
+        )
+        assert code == 0 and "File: remote.zip" in printed
+        assert Path("remote.zip").read_bytes() == Path("local.zip").read_bytes()
+        code, _, complaint = coastarc("campaigns", "import", "local.zip", data=tmp_path / "busy")
+        assert code == 2 and "have that coordinator take it in with --url" in " ".join(complaint.split())
+    assert not (tmp_path / "none").exists()
+
+
+def test_what_a_coordinator_refuses_is_one_line_and_leaves_no_file(coastarc, archive, tmp_path, monkeypatch):
+    (tmp_path / "text.zip").write_text("no campaign")
+    with Coordinator(tmp_path / "busy") as coordinator:
+        known.submitted(coordinator.store)
+        words = {
+            ("import", "text.zip"): "file that was sent: expected a portable file of a campaign, got",
+            ("import", "none.zip"): "file none.zip: expected a file to send, got No such file",
+            ("import", "busy"): "file busy: expected a file to send, got Is a directory",
+            ("export", "1"): "campaign 1 (known solutions): expected state paused, done or cancelled, got",
+            ("export", "7"): "campaign 7: expected one that exists",
+        }
+        for command, expected in words.items():
+            code, _, complaint = coastarc("campaigns", *command, "--url", coordinator.url, data=tmp_path)
+            assert code == 2 and complaint.startswith(f"error: {expected}"), complaint
+            assert len(complaint.splitlines()) == 1
+        monkeypatch.setattr(people, "MAX_PORTABLE_BYTES", 5)
+        complaint = coastarc("campaigns", "import", "text.zip", "--url", coordinator.url, data=tmp_path)[2]
+        assert "file text.zip: expected at most 5 bytes, got 11; stop the coordinator" in complaint
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["busy", "text.zip"]
 
 
 def test_http_gives_the_same_file_and_refuses_a_campaign_at_work(coastarc, archive):

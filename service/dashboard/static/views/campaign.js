@@ -2,19 +2,19 @@
 /** One campaign: how far, which strategy pays, what went wrong, and how it is steered. */
 
 import { ApiError, get, post } from "../api.js";
-import { askWeight, controls } from "../campaign.js";
+import { askWeight, controls, STEERING } from "../campaign.js";
 import { showChains } from "../chains.js";
 import { confirm } from "../dialog.js";
 import { byId, el, fill } from "../dom.js";
 import { duration, NONE, number } from "../format.js";
 import { BestSoFar, Boxes, Feasibility, OutcomeMix } from "../history.js";
 import { facts, Page, pathPart, showEmpty, showFacts, showTitle } from "../page.js";
+import { exportLink } from "../portable.js";
 import { showSearches } from "../searches.js";
 import { Table } from "../table.js";
 
 /** After a start a large archive is read in pieces; until it is read, it is asked for at once [ms]. */
 const READ_ON_MS = 250;
-const STEERING = ["submitter", "admin"];
 
 /** @typedef {{ id: number, search_id: number, kind: string, attempt: number, error: string | null, ending: string | null }} Job */
 
@@ -80,6 +80,7 @@ function showHead(campaign) {
   const links = [
     el("a", { class: "button", href: `/archive?campaign=${id}` }, "Solutions"),
     el("a", { class: "button", href: `/campaigns/new?clone=${id}` }, "Clone"),
+    exportLink(campaign),
   ];
   fill(byId("actions"), links, buttons);
   if (focused) /** @type {HTMLElement | null} */ (byId("actions").querySelector(`[data-does="${focused}"]`))?.focus();

@@ -2,10 +2,12 @@
 /** All campaigns: how far, how well, how long still. */
 
 import { get } from "../api.js";
+import { STEERING } from "../campaign.js";
 import { byId, el, fill } from "../dom.js";
 import { date, duration, NONE, number } from "../format.js";
 import { ofPlanned, outcomeBar, outcomeList } from "../outcomes.js";
 import { facts, Page, showEmpty } from "../page.js";
+import { askImport } from "../portable.js";
 import { sparkline } from "../sparkline.js";
 
 /** After a start a large archive is read in pieces; until it is read, they are asked for at once [ms]. */
@@ -20,9 +22,19 @@ const READ_ON_MS = 250;
  * }} Card
  */
 
-fill(byId("actions"), el("a", { class: "button primary", href: "/campaigns/new" }, "New campaign"));
 const page = new Page({ events: "/events/stream", refresh });
 page.start();
+offerMore();
+
+async function offerMore() {
+  const who = await get("/session").catch(() => null);
+  const mayImport = who !== null && STEERING.includes(who.role);
+  fill(
+    byId("actions"),
+    mayImport && el("button", { type: "button", "data-does": "import", onclick: askImport }, "Import campaign"),
+    el("a", { class: "button primary", href: "/campaigns/new" }, "New campaign"),
+  );
+}
 
 async function refresh() {
   const { items } = /** @type {{ items: Card[] }} */ (await get("/campaigns"));
