@@ -24,7 +24,14 @@ def _shell(view: View) -> Callable[[IdentityHere], HTMLResponse]:
     def answer(identity: IdentityHere) -> HTMLResponse:
         # Nobody can sign out of an open service, nor of a token.
         signed_in_as = identity.name if identity.is_cookie else None
-        html = page(f"views/{view.name}.html", view=view, sections=SECTIONS, signed_in_as=signed_in_as)
+        modules = assets.modules_of(f"views/{view.name}.js")
+        html = page(
+            f"views/{view.name}.html",
+            view=view,
+            modules=modules,
+            sections=SECTIONS,
+            signed_in_as=signed_in_as,
+        )
         return HTMLResponse(html, headers={"Cache-Control": "no-cache"})
 
     return answer

@@ -1,4 +1,4 @@
-"""A coordinator: archive, web server and reaper, and the dispatcher that it keeps as a child."""
+"""A coordinator: archive, web server, what runs beside them, and the dispatcher that it keeps as a child."""
 
 import hashlib
 import platform
@@ -17,6 +17,7 @@ from core.faults import UserError
 from service.access.rights import Role
 from service.access.security import Access, access_on
 from service.app import create_app
+from service.coordinator.history_reader import read_history
 from service.coordinator.lock import FolderLock
 from service.coordinator.reaper import Reaper
 from service.coordinator.supervisor import Supervisor
@@ -125,7 +126,7 @@ class Coordinator:
         self._folder = folder
         self._address = (host, port)
         self._stop = threading.Event()
-        self._reaper: threading.Thread | None = None
+        self._threads: list[threading.Thread] = []
         self._leases = leases
         self._supervisor: Supervisor | None = None
 
@@ -140,8 +141,12 @@ class Coordinator:
             access = access_on(host, Settings.from_environment(), self.store.identities.has_token)
             self._server = WebServer(self.store, listener, host, access)
             self._server.start()
-            self._reaper = threading.Thread(target=Reaper(self.store, self._stop).run, name="reaper")
-            self._reaper.start()
+            self._threads = [
+                threading.Thread(target=Reaper(self.store, self._stop).run, name="reaper"),
+                threading.Thread(target=read_history, args=(self.store, self._stop), name="history"),
+            ]
+            for thread in self._threads:
+                thread.start()
             # All of it stays open until `__exit__`.
             opened.pop_all()
         return self
@@ -151,8 +156,8 @@ class Coordinator:
         if self._supervisor is not None:
             self._supervisor.stop()
         self._stop.set()
-        if self._reaper is not None:
-            self._reaper.join()
+        for thread in self._threads:
+            thread.join()
         self._server.stop()
         self.store.close()
         self._lock.__exit__()

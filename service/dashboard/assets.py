@@ -6,12 +6,15 @@ plotly.js comes from the installed `plotly` package as /static/plotly-<digest>.m
 
 import gzip
 import hashlib
+import posixpath
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 
+_IMPORT = re.compile(r'^import\b[^;]*?from "(\.[^"]+)"', re.MULTILINE)
 MEDIA_TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 
 
@@ -41,6 +44,23 @@ def find(path: str) -> Asset | None:
         return plotly() if folder == plotly_name() else None
     digest, own = _own_files()
     return own.get(name) if folder == digest else None
+
+
+@cache
+def modules_of(name: str) -> tuple[str, ...]:
+    """Return the modules that a module imports, those that they import, and so on.
+
+    A browser that is told of all of them at once need not find them one behind the other.
+    """
+    own, found, pending = _own_files()[1], set[str](), [name]
+    while pending:
+        here = pending.pop()
+        for path in _IMPORT.findall(own[here].plain.decode()):
+            module = posixpath.normpath(posixpath.join(posixpath.dirname(here), path))
+            if module not in found:
+                found.add(module)
+                pending.append(module)
+    return tuple(sorted(found))
 
 
 @cache

@@ -2,7 +2,8 @@
 
 A solve is stored once and never changed, and the one writer stores them in order of id; so each is read
 once in the life of a process, and a page that asks every second costs what is new.  After a start there may
-be a million to read: then a question reads for a while, and its answer says how far that was.
+be a million to read: a coordinator then reads ahead, piece by piece; a question meanwhile reads one piece
+more, and its answer says how far that was.
 """
 
 import threading
@@ -23,7 +24,7 @@ from service.store.specs import search_spec
 T = TypeVar("T")
 
 #: Solves read at once, and how long one question reads [s].
-CHUNK, PATIENCE_S = 40_000, 0.4
+CHUNK, PATIENCE_S = 10_000, 0.1
 
 _NEW = SolveRow.id > bindparam("after")
 _INSIDE = _NEW & (SolveRow.id <= bindparam("last"))
@@ -69,6 +70,11 @@ class Chronicles:
         with self._lock, self._database.read() as session:
             self._read_on(session)
             return question(session, self)
+
+    def read_on(self) -> bool:
+        """Read a piece; return whether more may be left."""
+        with self._lock, self._database.read() as session:
+            return self._read_chunk(session) == CHUNK
 
     def chronicle(self, campaign: CampaignRow) -> Chronicle:
         """Return the chronicle of a campaign."""

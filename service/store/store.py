@@ -212,6 +212,10 @@ class Store:
         with self._database.read() as session:
             return progress.list_campaigns(session)
 
+    def read_history(self) -> bool:
+        """Read a piece of what cards and histories of campaigns tell of; return whether more may be left."""
+        return self._chronicles.read_on()
+
     def campaign_cards(self) -> list[CampaignCard]:
         """Return the campaigns with how far they are and what they have found, the newest first."""
         now = self._clock()

@@ -26,6 +26,8 @@ export function plotly() {
  */
 export async function draw(place, traces, layout) {
   const library = await plotly();
+  // One task for each picture: in between the browser shows what is done, and answers its user.
+  await new Promise((resolve) => window.setTimeout(resolve));
   const font = { family: getComputedStyle(document.body).fontFamily, size: 12, color: colour("muted") };
   const shared = {
     paper_bgcolor: "rgba(0,0,0,0)",
@@ -70,15 +72,6 @@ export async function save(place, format, filename) {
   const library = await plotly();
   const { width, height } = place.getBoundingClientRect();
   await library.downloadImage(place, { format, filename, width: Math.round(width), height: Math.round(height), scale: format === "png" ? 2 : 1 });
-}
-
-/**
- * Colours of the k realizations, distinguishable with any colour vision; further ones start again.
- * @param {number} index from 1
- */
-export function realizationColour(index) {
-  const names = ["realization", "realization-2", "realization-3"];
-  return colour(names[(index - 1) % names.length]);
 }
 
 /** Colours and marks of series, distinguishable with any colour vision and, by their marks, without colour. */

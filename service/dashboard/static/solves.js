@@ -3,8 +3,8 @@
 
 import { get } from "./api.js";
 
-/** Solves that the service sends at once; of more, whole chains are drawn evenly. */
-const MOST = 5000;
+/** Of more solves whole chains are drawn evenly: as many marks as three pictures draw in a second. */
+const MOST = 2000;
 /** How often a part that is drawn from all is drawn anew [ms]: what has come since changes the whole of it. */
 const DRAWN_MS = 15_000;
 

@@ -1,4 +1,5 @@
 import gzip
+import posixpath
 import re
 from importlib.resources import files
 from pathlib import Path
@@ -87,3 +88,23 @@ def test_all_parts_but_plotly_stay_small():
     files = [path.read_bytes() for path in STATIC.rglob("*") if path.is_file()]
     weight = sum(len(gzip.compress(content)) for content in files)
     assert weight < 200_000  # the budget of a page without plots
+
+
+@pytest.mark.parametrize("view", VIEWS, ids=lambda view: view.name)
+def test_a_page_names_every_module_that_its_own_leads_to(view):
+    """Those that the browser would find one behind the other, by the same imports."""
+    found, pending = set(), [f"views/{view.name}.js"]
+    while pending:
+        module = pending.pop()
+        found.add(module)
+        text = assets.find(f"{assets.static_digest()}/{module}").plain.decode()
+        lines = " ".join(line for line in text.splitlines() if not line.lstrip().startswith(("*", "/")))
+        for path in re.findall(r'import [^"]*? from "([^"]+)"', lines):
+            pending.append(posixpath.normpath(posixpath.join(posixpath.dirname(module), path)))
+    assert set(assets.modules_of(f"views/{view.name}.js")) == found - {f"views/{view.name}.js"}
+
+
+def test_a_page_with_plots_asks_for_them_at_once_and_one_without_never(client):
+    preload = f'<link rel="preload" as="script" href="/static/{assets.plotly_name()}"'
+    assert preload in client.get("/campaigns/1").text
+    assert preload not in client.get("/campaigns/new").text

@@ -1,8 +1,11 @@
 """What campaigns have found, as it is kept in memory, against the archive's own tables and metrics."""
 
+import threading
+
 import numpy as np
 import pytest
 
+from service.coordinator.history_reader import read_history
 from service.spec import spec_from
 from service.store import Store, chronicles
 from service.store.bins import MOST_BINS, OutcomeBins
@@ -96,3 +99,24 @@ def test_a_sparkline_holds_each_best_until_the_next():
     steps = [Step(50.0, 0.4, "a"), Step(100.0, 0.3, "b")]
     line = sparkline(steps, 0.0, 100.0)
     assert line[0] is None and line[31] == 0.4 and line[-1] == 0.3
+
+
+def test_a_coordinator_reads_the_whole_archive_before_anybody_asks(finished, monkeypatch):
+    whole = finished.campaign_history(1)
+    monkeypatch.setattr(chronicles, "_SOLVES", chronicles._SOLVES.limit(2))
+    monkeypatch.setattr(chronicles, "CHUNK", 2)
+    monkeypatch.setattr(chronicles, "PATIENCE_S", 0.0)
+    with Store(finished.folder, read_only=True) as again:
+        read_history(again, threading.Event())
+        assert again.campaign_history(1) == whole
+
+
+def test_reading_ahead_ends_when_it_is_told_to(finished, monkeypatch):
+    monkeypatch.setattr(chronicles, "_SOLVES", chronicles._SOLVES.limit(2))
+    monkeypatch.setattr(chronicles, "CHUNK", 2)
+    monkeypatch.setattr(chronicles, "PATIENCE_S", 0.0)
+    stop = threading.Event()
+    stop.set()
+    with Store(finished.folder, read_only=True) as again:
+        read_history(again, stop)
+        assert again.campaign_history(1).n_read == 4  # One piece by itself, one for the question.

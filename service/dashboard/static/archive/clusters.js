@@ -65,9 +65,3 @@ export function watchDistance(onChange) {
 export function distance() {
   return Number(/** @type {HTMLSelectElement} */ (byId("distance")).value);
 }
-
-/** Say that nothing is compared. */
-export function clearClusters() {
-  fill(byId("clusters"));
-  byId("clusters-caption").textContent = "";
-}

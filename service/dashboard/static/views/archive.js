@@ -18,6 +18,8 @@ import { Page, showEmpty, showFacts } from "../page.js";
  * @typedef {{ all: Points, chosen: Points, places: number[], ranges: Map<string, [number, number]> }} Seen
  */
 
+/** Of more solutions a sample is drawn: marks that can be told apart, in a second. */
+const MOST_DRAWN = 1500;
 /** Pictures of samples, and clusters, cost the service more than a page of the table: not with every event [ms]. */
 const SLOW_MS = 10_000;
 
@@ -69,10 +71,10 @@ let pending;
 async function refreshPictures(filter, mine) {
   slowAt = performance.now();
   const ranges = rangesOf(filter);
-  const all = await get("/solutions/points", withoutRanges(filter));
+  const all = await get("/solutions/points", { ...withoutRanges(filter), most: MOST_DRAWN });
   const isSample = all.n > all.id.length;
   // Within the ranges there are more points than the sample of all holds.
-  const chosen = isSample && ranges.size ? await get("/solutions/points", filter) : all;
+  const chosen = isSample && ranges.size ? await get("/solutions/points", { ...filter, most: MOST_DRAWN }) : all;
   if (mine !== turn) return;
   const places = within(chosen, ranges);
   seen = { all, chosen, ranges, places };

@@ -31,23 +31,24 @@ let maySteer = false;
 
 const page = new Page({ events: `/campaigns/${id}/events`, refresh, redraw: () => shown && draw(shown) });
 const changed = () => page.reload();
-start();
-
-async function start() {
-  const who = await get("/session").catch(() => null);
-  maySteer = who !== null && STEERING.includes(who.role);
-  await page.start();
-}
+const session = get("/session").catch(() => null);
+page.start();
 
 async function refresh() {
-  const found = await Promise.all([get(`/campaigns/${id}`), get(`/campaigns/${id}/history`)]).catch(missing);
+  // Not awaited yet: of a large archive it comes a while after all that is told of the campaign in words.
+  const asked = get(`/campaigns/${id}/history`);
+  asked.catch(() => {});
+  const found = await Promise.all([get(`/campaigns/${id}`), session]).catch(missing);
   if (!found) return;
-  const [campaign, history] = /** @type {[import("../campaign.js").Campaign, import("../history.js").History]} */ (found);
+  const [campaign, who] = found;
+  maySteer = who !== null && STEERING.includes(who.role);
   showEmpty();
   showHead(campaign);
-  showReading(history);
   showSearches(id, campaign.searches, maySteer ? (search) => askWeight(campaign, search, changed) : null);
   await showJobs(campaign);
+  /** @type {import("../history.js").History} */
+  const history = await asked;
+  showReading(history);
   showChains(byId("chains"), history.chains);
   // Pictures of the same data are left alone: they are what costs.
   if (JSON.stringify(history) !== JSON.stringify(shown)) await draw(history);

@@ -64,8 +64,8 @@ async function refresh(events, isAll) {
     if (!(error instanceof ApiError) || ![404, 422].includes(error.status)) throw error;
     return missing(error.message);
   }
-  await solves.refresh(isAll);
   showHead(shown);
+  await solves.refresh(isAll);
   if (shown.n_solves === 0 && shown.state === "waiting") return waits(shown);
   showEmpty();
   redraw();

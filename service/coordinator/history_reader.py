@@ -1,0 +1,24 @@
+"""Reads the solves that pages tell of after a start, so that no page has to wait for them."""
+
+import logging
+import threading
+
+from sqlalchemy.exc import SQLAlchemyError
+
+from service.db.engine import DatabaseError
+from service.store import Store
+
+log = logging.getLogger(__name__)
+
+#: Between two pieces the requests of pages and workers have their turn [s].
+PAUSE_S = 0.02
+
+
+def read_history(store: Store, stop: threading.Event) -> None:
+    """Read to the end of the archive, or until told to stop; afterwards pages read what is new."""
+    try:
+        while store.read_history() and not stop.wait(PAUSE_S):
+            pass
+    except (SQLAlchemyError, DatabaseError):
+        # A page that asks reads on from there, and is told what is wrong.
+        log.exception("reading the archive ahead failed")
