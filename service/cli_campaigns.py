@@ -10,6 +10,7 @@ from service.db.place import make_folder
 from service.new_file import write_new
 from service.portable.files import file_name, packed, pieces, take_in_file
 from service.store import Store
+from service.store.portable_import import TakenIn
 
 campaigns = typer.Typer(help="Take campaigns from one installation to another.", no_args_is_help=True)
 
@@ -49,9 +50,13 @@ def import_campaign(
     if as_json:
         print_json(taken._asdict())
         return
-    if taken.new_campaigns:
-        names = ", ".join(taken.new_campaigns)
-        news = f"{names} taken in, with {taken.n_solves} solves and {taken.n_solutions} new solutions"
-    else:
-        news = "nothing is new, all of it was there"
-    console.print(f"Campaign {taken.campaign_id}: {news}.", highlight=False, markup=False)
+    console.print(f"Campaign {taken.campaign_id}: {_news(taken)}.", highlight=False, markup=False)
+
+
+def _news(taken: TakenIn) -> str:
+    certificates = f"{taken.n_certificates} new certificates" if taken.n_certificates else ""
+    if not taken.new_campaigns:
+        return certificates or "nothing is new, all of it was there"
+    names = ", ".join(taken.new_campaigns)
+    news = f"{names} taken in, with {taken.n_solves} solves and {taken.n_solutions} new solutions"
+    return f"{news}, {certificates}" if certificates else news

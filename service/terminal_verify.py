@@ -53,6 +53,8 @@ def print_certificate(console: Console, found: CertificateDocument | None) -> No
     content = found.content
     verdict = "sound" if content.is_sound else "NOT SOUND"
     head = f": {found.hash}, {content.level}, {verdict}, {found.made_at:%Y-%m-%d %H:%M} UTC"
+    if found.is_from_elsewhere:
+        head += f", made elsewhere, on {found.made_on}"
     console.print(Text.assemble(("certificate", "bold"), head), soft_wrap=True)
     for reason in (*content.marks, content.failure):
         if reason:

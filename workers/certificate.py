@@ -131,3 +131,5 @@ class CertificateDocument(Message):
     made_on: str
     cpu_seconds: Annotated[float, Field(ge=0)]
     checked_at: datetime
+    #: Whether it came with a portable file, and nobody has found it again here.
+    is_from_elsewhere: bool = False
