@@ -91,6 +91,31 @@ class CertifiedIntegrator(Message):
     n_evaluations: int
 
 
+class CertifiedThirdTrajectory(Message):
+    """The reference or one realization, flown through by a third integrator."""
+
+    insertion_miss: Pair
+    arrival_miss: Pair
+    #: Largest distance and relative speed [km, km/s] between it and `through`, at the ends of its segments.
+    apart: Pair
+    failure: str
+
+
+class CertifiedThird(Message):
+    """What an integrator of another kind finds, with another reading of the ephemeris."""
+
+    integrator: str
+    version: str
+    #: Of the remainder of a series, relative to the largest component of the state.
+    relative_tolerance: float
+    n_steps: int
+    trajectories: tuple[CertifiedThirdTrajectory, ...]
+
+
+def _is_absent(third: CertifiedThird | None) -> bool:
+    return third is None
+
+
 class CertificateContent(Message):
     """What is certified; the hash of a certificate is the hash of this."""
 
@@ -118,6 +143,8 @@ class CertificateContent(Message):
     python_version: str
     package_versions: dict[str, str]
     machine: str
+    #: Left out where nobody asked for it, so that certificates without it keep their hashes.
+    third: Annotated[CertifiedThird | None, Field(exclude_if=_is_absent)] = None
 
 
 class CertificateDocument(Message):
@@ -131,3 +158,5 @@ class CertificateDocument(Message):
     made_on: str
     cpu_seconds: Annotated[float, Field(ge=0)]
     checked_at: datetime
+    #: Whether it came with a portable file, and nobody has found it again here.
+    is_from_elsewhere: bool = False

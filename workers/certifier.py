@@ -6,6 +6,7 @@ Here alone the numbers of `core.analysis.certificate` meet a clock and the versi
 import platform
 import time
 from datetime import UTC, datetime
+from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from core import constants
 from core.analysis.approaches import Approach
 from core.analysis.certificate import Certification, FlownAgain, certify
 from core.analysis.reflight import ATOL
+from core.analysis.through import apart
 from core.export import trajectory_name
 from core.problem import Problem, calendar_epoch, content_hash
 from workers.certificate import (
@@ -24,6 +26,8 @@ from workers.certificate import (
     CertifiedApproach,
     CertifiedIntegrator,
     CertifiedMass,
+    CertifiedThird,
+    CertifiedThirdTrajectory,
     CertifiedThrough,
     CertifiedTrajectory,
     Pair,
@@ -34,20 +38,25 @@ from workers.provenance import provenance
 CONSTANTS = ("GM_EARTH", "GM_MOON", "GM_SUN", "GM_JUPITER", "RADIUS_EARTH_KM", "RADIUS_MOON_KM", "G0")
 
 
-def basis(min_altitude_km: float) -> str:
+def basis(min_altitude_km: float, with_heyoka: bool = False) -> str:
     """Return the identity of all that a certificate depends on beside its solution.
 
     Two certificates of one solution on one basis have the same content.
     """
-    return content_hash({"min_altitude_km": min_altitude_km, **_made_with()})
+    third = {"heyoka": version("heyoka")} if with_heyoka else {}
+    return content_hash({"min_altitude_km": min_altitude_km, **third, **_made_with()})
 
 
 def certificate_of(
-    solution_id: str, problem: Problem, x: NDArray[np.float64], min_altitude_km: float = 0.0
+    solution_id: str,
+    problem: Problem,
+    x: NDArray[np.float64],
+    min_altitude_km: float = 0.0,
+    with_heyoka: bool = False,
 ) -> CertificateDocument:
     """Fly a solution again and return its certificate."""
     began = time.process_time()
-    found = certify(problem, x, min_altitude_km)
+    found = certify(problem, x, min_altitude_km, with_heyoka)
     content, now = _content(solution_id, problem, found), datetime.now(UTC)
     return CertificateDocument(
         content=content,
@@ -83,6 +92,7 @@ def _content(solution_id: str, problem: Problem, found: Certification) -> Certif
             n_evaluations=flight.n_evaluations,
         ),
         kernels=dict(flight.kernels),
+        third=_third(found),
         **_made_with(),
     )
 
@@ -127,6 +137,27 @@ def _through(flown: FlownAgain) -> CertifiedThrough:
         mass_miss_kg=_finite(through.mass_miss_kg),
         closest=_approaches(flown.closest_through),
         failure=through.failure,
+    )
+
+
+def _third(found: Certification) -> CertifiedThird | None:
+    if found.third is None:
+        return None
+    pairs = zip(found.third.flights, found.trajectories, strict=True)
+    return CertifiedThird(
+        integrator=found.third.integrator,
+        version=found.third.version,
+        relative_tolerance=found.third.tolerance,
+        n_steps=found.third.n_steps,
+        trajectories=tuple(
+            CertifiedThirdTrajectory(
+                insertion_miss=_pair(third.insertion_miss),
+                arrival_miss=_pair(third.arrival_miss),
+                apart=_pair(apart(third, flown.through)),
+                failure=third.failure,
+            )
+            for third, flown in pairs
+        ),
     )
 
 

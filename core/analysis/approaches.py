@@ -48,16 +48,16 @@ class Closest:
         path = solver.dense_output()
         start, stop = sorted((float(solver.t_old), float(solver.t)))
         times = [float(time) for time in np.linspace(start, stop, PARTS + 1)]
+        # The interpolant at all times at once: asked one by one it would take half of a certificate's time.
+        states: Array = path(np.array(times)).T
         for body in WATCHED:
-            rates = [self._range_rate(path, body, time) for time in times]
-            self._keep(path, body, start, is_turn=False)
-            self._keep(path, body, stop, is_turn=False)
+            relative = [self._seen_from(body, *pair) for pair in zip(times, states, strict=True)]
+            rates = [_range_rate(state) for state in relative]
+            self._keep(body, start, relative[0], is_turn=False)
+            self._keep(body, stop, relative[-1], is_turn=False)
             for (before, after), (low, high) in zip(pairwise(times), pairwise(rates), strict=True):
                 if low < 0.0 <= high:
-                    root = scipy.optimize.brentq(
-                        lambda t, b=body: self._range_rate(path, b, t), before, after, xtol=TIME_TOLERANCE_S
-                    )
-                    self._keep(path, body, float(root), is_turn=True)
+                    self._keep_turn(path, body, before, after)
 
     @property
     def approaches(self) -> tuple[Approach, ...]:
@@ -70,19 +70,22 @@ class Closest:
             )
         )
 
-    def _keep(self, path: object, body: int, time: float, is_turn: bool) -> None:
-        position, _ = self._relative(path, body, time)
-        distance = float(np.linalg.norm(position))
+    def _keep_turn(self, path: "scipy.integrate.DenseOutput", body: int, before: float, after: float) -> None:
+        def rate(time: float) -> float:
+            return _range_rate(self._seen_from(body, time, path(time)))
+
+        root = float(scipy.optimize.brentq(rate, before, after, xtol=TIME_TOLERANCE_S))
+        self._keep(body, root, self._seen_from(body, root, path(root)), is_turn=True)
+
+    def _keep(self, body: int, time: float, state: Array, is_turn: bool) -> None:
+        distance = float(np.linalg.norm(state[:3]))
         if body not in self._found or distance < self._found[body][0]:
             self._found[body] = (distance, time, is_turn)
 
-    def _range_rate(self, path: object, body: int, time: float) -> float:
-        """Return the range rate times the distance, which has the same sign; docs/method.md, eq. V5."""
-        position, velocity = self._relative(path, body, time)
-        return float(position @ velocity)
+    def _seen_from(self, body: int, time: float, state: Array) -> Array:
+        return state if body == EARTH else state - np.array(self._pilot.state_of(body, time))
 
-    def _relative(self, path: object, body: int, time: float) -> tuple[Array, Array]:
-        state: Array = path(time)  # type: ignore[operator]
-        if body != EARTH:
-            state = state - np.array(self._pilot.state_of(body, time))
-        return state[:3], state[3:6]
+
+def _range_rate(state: Array) -> float:
+    """Return the range rate times the distance, which has the same sign; docs/method.md, eq. V5."""
+    return float(state[:3] @ state[3:])

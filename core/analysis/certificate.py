@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 from core.analysis.approaches import Approach, Closest
 from core.analysis.halves import Plan, departure_of, fly_all, pilot_of, plans_of
 from core.analysis.reflight import Array, Pilot
-from core.analysis.through import Through, fly_through
+from core.analysis.through import Third, Through, fly_through
 from core.analysis.verify import Verification, loaded_target, weighed
 from core.ephemeris.kernels import one_at_a_time
 from core.problem import Outage, Problem
@@ -64,6 +64,8 @@ class Certification:
     #: How low a trajectory may pass [km].
     min_altitude_km: float
     marks: tuple[Mark, ...]
+    #: None where nobody asked for it.
+    third: Third | None = None
 
     @property
     def level(self) -> Literal["strict", "paper", "none"]:
@@ -78,7 +80,9 @@ class Certification:
 
 
 @one_at_a_time
-def certify(problem: Problem, x: Array, min_altitude_km: float = 0.0) -> Certification:
+def certify(
+    problem: Problem, x: Array, min_altitude_km: float = 0.0, with_heyoka: bool = False
+) -> Certification:
     """Fly a solution again, in halves and through, and take stock.
 
     Parameters
@@ -89,6 +93,8 @@ def certify(problem: Problem, x: Array, min_altitude_km: float = 0.0) -> Certifi
         Decision vector [days, rad, kg], as for `verify`.
     min_altitude_km : float
         Lowest passage of the Earth or the Moon that is not marked [km].
+    with_heyoka : bool
+        Whether it is flown through a third time, by heyoka, which has to be installed.
 
     Returns
     -------
@@ -119,12 +125,21 @@ def certify(problem: Problem, x: Array, min_altitude_km: float = 0.0) -> Certifi
         )
         for i in range(len(plans))
     )
+    verification = weighed(problem, plans, flights, kernel, pilot.n_evaluations)
     return Certification(
-        verification=weighed(problem, plans, flights, kernel, pilot.n_evaluations),
+        verification=verification,
         trajectories=trajectories,
         min_altitude_km=min_altitude_km,
         marks=_too_low(trajectories, min_altitude_km),
+        third=_third(problem, plans, naif_id, verification) if with_heyoka else None,
     )
+
+
+def _third(problem: Problem, plans: list[Plan], naif_id: int, found: Verification) -> Third:
+    # Few install the package that it needs.
+    from core.analysis.third import fly_third
+
+    return fly_third(problem, plans, naif_id, float(found.arrival_et.max()))
 
 
 def _too_low(trajectories: tuple[FlownAgain, ...], limit_km: float) -> tuple[Mark, ...]:

@@ -29,6 +29,25 @@ class Through(NamedTuple):
     failure: str
 
 
+class Third(NamedTuple):
+    """All trajectories flown through once more, by an integrator of another kind."""
+
+    integrator: str
+    version: str
+    #: Of the remainder of a series, relative to the largest component of the state.
+    tolerance: float
+    n_steps: int
+    #: The reference first.
+    flights: tuple[Through, ...]
+
+
+def apart(one: Through, other: Through) -> tuple[float, float]:
+    """Return how far two flights of a trajectory are apart at most, at the ends of segments [km, km/s]."""
+    off = one.states - other.states
+    position, velocity = (np.linalg.norm(off[:, part], axis=1) for part in (slice(3), slice(3, 6)))
+    return float(np.max(position)), float(np.max(velocity))
+
+
 def fly_through(
     pilot: Pilot,
     problem: Problem,

@@ -98,6 +98,7 @@ TAKEN_IN = {
     "new_campaigns": ["study", "study, robust"],
     "n_solves": 812,
     "n_solutions": 706,
+    "n_certificates": 12,
 }
 
 EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {

@@ -12,3 +12,4 @@ class TakenInView(Answer):
     new_campaigns: list[str]
     n_solves: int
     n_solutions: int
+    n_certificates: int

@@ -67,12 +67,16 @@ def import_campaign(
     if as_json:
         print_json(taken)
         return
-    if taken.new_campaigns:
-        names = ", ".join(taken.new_campaigns)
-        news = f"{names} taken in, with {taken.n_solves} solves and {taken.n_solutions} new solutions"
-    else:
-        news = "nothing is new, all of it was there"
-    console.print(f"Campaign {taken.campaign_id}: {news}.", highlight=False, markup=False)
+    console.print(f"Campaign {taken.campaign_id}: {_news(taken)}.", highlight=False, markup=False)
+
+
+def _news(taken: TakenInView) -> str:
+    certificates = f"{taken.n_certificates} new certificates" if taken.n_certificates else ""
+    if not taken.new_campaigns:
+        return certificates or "nothing is new, all of it was there"
+    names = ", ".join(taken.new_campaigns)
+    news = f"{names} taken in, with {taken.n_solves} solves and {taken.n_solutions} new solutions"
+    return f"{news}, {certificates}" if certificates else news
 
 
 def _sent(url: str, file: Path) -> TakenInView:

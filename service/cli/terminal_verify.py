@@ -9,7 +9,7 @@ from rich.text import Text
 
 from service.cli.terminal import table
 from service.solutions.verification import Summary, Verified
-from workers.certificate import CertificateDocument, CertifiedApproach, CertifiedTrajectory
+from workers.certificate import CertificateDocument, CertifiedApproach, CertifiedThird, CertifiedTrajectory
 
 
 def progress_line(items: Sequence[Verified], n: int, gone_s: float) -> str:
@@ -40,6 +40,9 @@ def summary_line(summary: Summary) -> str:
     if misses:
         middle = misses[len(misses) // 2]
         parts.append(f"miss at arrival: median {middle:.3g} km, largest {misses[-1]:.3g} km")
+    thirds = [item.third_apart_km for item in summary.items if item.third_apart_km is not None]
+    if thirds:
+        parts.append(f"heyoka is at most {max(thirds):.3g} km away")
     if not summary.is_complete:
         parts.append("interrupted; what was done is kept, and --stale goes on with the rest")
     return "; ".join(parts) + "."
@@ -53,6 +56,8 @@ def print_certificate(console: Console, found: CertificateDocument | None) -> No
     content = found.content
     verdict = "sound" if content.is_sound else "NOT SOUND"
     head = f": {found.hash}, {content.level}, {verdict}, {found.made_at:%Y-%m-%d %H:%M} UTC"
+    if found.is_from_elsewhere:
+        head += f", made elsewhere, on {found.made_on}"
     console.print(Text.assemble(("certificate", "bold"), head), soft_wrap=True)
     for reason in (*content.marks, content.failure):
         if reason:
@@ -63,6 +68,20 @@ def print_certificate(console: Console, found: CertificateDocument | None) -> No
     rows.caption = "defect at the matchpoint; miss if nothing is corrected; lowest altitudes"
     rows.caption_justify = "left"
     console.print(rows)
+    if content.third is not None:
+        _print_third(console, content.third, [trajectory.name for trajectory in content.trajectories])
+
+
+def _print_third(console: Console, third: CertifiedThird, names: Sequence[str]) -> None:
+    """Print how far the third flights are from the second, and from the target."""
+    console.print(f"flown through by {third.integrator} {third.version}:", soft_wrap=True, markup=False)
+    for name, flown in zip(names, third.trajectories, strict=True):
+        told = f"{_km(flown.apart[0])} from SciPy's flight, {_km(flown.arrival_miss[0])} from the target"
+        console.print(f"  {name}: {flown.failure or told}", soft_wrap=True, highlight=False, markup=False)
+
+
+def _km(distance: float | None) -> str:
+    return "-" if distance is None else f"{distance:.3g} km"
 
 
 def _row(flown: CertifiedTrajectory) -> list[str]:

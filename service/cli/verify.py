@@ -9,7 +9,15 @@ from rich.live import Live
 
 from service.cli.options import DATA, WORKERS, Data, Json, Workers, console, print_json
 from service.cli.terminal_verify import progress_line, summary_line, verified_list
-from service.solutions.verification import Summary, Verified, fresh_ids, verify_solutions, wanted_ids
+from service.solutions.verification import (
+    Asked,
+    Summary,
+    Verified,
+    fresh_ids,
+    require_heyoka,
+    verify_solutions,
+    wanted_ids,
+)
 from service.store import Store
 
 #: So many good solutions are listed one by one; of more, only those that are not good.
@@ -35,6 +43,9 @@ def verify_command(
             "--stale", help="Leave out those found sound with this code, these packages, this altitude."
         ),
     ] = False,
+    with_heyoka: Annotated[
+        bool, typer.Option("--with-heyoka", help="Fly through a third time, by heyoka's Taylor series.")
+    ] = False,
     workers: Workers = WORKERS,
     as_json: Json = False,
 ) -> None:
@@ -43,10 +54,13 @@ def verify_command(
     Exit code 1 if one fails: its defects hold no tolerance, or a looser one than archived; or it passes low.
     After an interruption what was done is kept, and with --stale the same command goes on with the rest.
     """
+    if with_heyoka:
+        require_heyoka()
+    asked = Asked(min_altitude_km, with_heyoka)
     with Store(data) as store:
         ids = wanted_ids(store, solution or [], campaign, is_all)
-        left = fresh_ids(store, ids, min_altitude_km) if is_stale else ids
-        found = verify_solutions(store, left, min_altitude_km, min(workers, len(left)) or 1)
+        left = fresh_ids(store, ids, asked) if is_stale else ids
+        found = verify_solutions(store, left, asked, min(workers, len(left)) or 1)
         items, is_complete = _followed(found, len(left), is_quiet=as_json)
     summary = Summary(
         n_wanted=len(ids),

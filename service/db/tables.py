@@ -331,7 +331,8 @@ class CertificateRow(Base):
     solution_id: Mapped[str] = mapped_column(ForeignKey("solution.id"), primary_key=True)
     #: That of its content.
     hash: Mapped[str] = mapped_column(primary_key=True)
-    #: Identity of all that the content depends on beside the solution: code, packages, settings.
+    #: Identity of all that the content depends on beside the solution: code, packages, settings; empty where
+    #: another installation made it, and this one has not found it again.
     basis: Mapped[str]
     level: Mapped[str]
     is_sound: Mapped[bool]

@@ -2,7 +2,8 @@
 
 Digests show damage; here what somebody may have written on purpose is held against what follows from it:
 hashes from contents, the figures of a solution from its vector, its levels from its defects.  Only the
-defects themselves are believed; `coastarc solutions verify` flies them again.
+defects themselves are believed, and what else certificates say of flights; `coastarc solutions verify` flies
+them again.
 """
 
 import math
@@ -12,18 +13,28 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from core.analysis.metrics import total_delta_v_km_s, transfer_delta_v_km_s
 from core.analysis.verify import holds
 from core.constants import SECONDS_PER_DAY
+from core.faults import fault_lines
 from core.orbits import departure_state
 from core.problem import Problem, content_hash, seconds_past_j2000
 from core.tolerances import PAPER, STRICT
 from core.transcription import checked_vector, layout_of
 from service.portable.errors import PortableError
-from service.portable.lines import CampaignLine, JobLine, ProvenanceLine, SolutionLine, SolveLine
+from service.portable.lines import (
+    CampaignLine,
+    CertificateLine,
+    JobLine,
+    ProvenanceLine,
+    SolutionLine,
+    SolveLine,
+)
 from service.solutions.solution_hash import solution_hash
 from service.spec import Spec
+from workers.certificate import CertificateContent
 
 #: Figures are worked out again; other machines round otherwise, and epochs are kept to a millisecond.
 RELATIVE, EPOCH_S = 1e-9, 2e-3
@@ -142,6 +153,37 @@ def _require_levels(line: SolutionLine, n_trajectories: int) -> None:
     rows = defects.reshape(-1, 7)
     if (line.strict and not holds(rows, STRICT)) or (line.paper and not holds(rows, PAPER)):
         raise PortableError(f"solution {line.id}: expected defects within its level, got larger ones")
+
+
+def require_certificate(line: CertificateLine, contents: Contents) -> None:
+    """Refuse a certificate of no solution here, of another hash, or with a verdict that is not its own."""
+    thing = f"certificate {line.hash} of solution {line.solution}"
+    try:
+        content = CertificateContent.model_validate(line.content)
+    except ValidationError as error:
+        (first, *_) = fault_lines(thing, error.errors(include_url=False), CertificateContent)
+        raise PortableError(first) from error
+    if line.solution not in contents.solutions or line.solution != content.solution_id:
+        raise PortableError(
+            f"{thing}: expected one of a solution in the same file, got {content.solution_id}"
+        )
+    if content_hash(content.model_dump(mode="json")) != line.hash:
+        raise PortableError(f"{thing}: expected the hash of its content, got another")
+    problem = contents.problems[contents.solutions[line.solution][0]]
+    if (content.problem_hash, content.k) != (problem.hash, problem.k):
+        raise PortableError(f"{thing}: expected the problem of its solution, got {content.problem_hash}")
+    if not _is_own_verdict(content):
+        raise PortableError(f"{thing}: expected a verdict from its defects and marks, got {content.level}")
+
+
+def _is_own_verdict(content: CertificateContent) -> bool:
+    rows = [trajectory.defect for trajectory in content.trajectories]
+    if [len(row) for row in rows] != [7] * (1 + content.k):
+        return False
+    defects = np.array(rows, dtype=np.float64)
+    holds_level = {"strict": holds(defects, STRICT), "paper": holds(defects, PAPER), "none": True}
+    is_sound = content.level != "none" and not content.marks
+    return holds_level[content.level] and content.is_sound == is_sound
 
 
 def require_job(line: JobLine, number: int, spec: Spec, contents: Contents) -> None:

@@ -20,15 +20,16 @@ from core.faults import fault_lines
 from service.portable.errors import PortableError
 from service.portable.lines import Line, Manifest, Member
 
-VERSION = 1
-MANIFEST = "manifest.json"
+#: Certificates came with version 2: without them a file is as it was, and who knew no other reads it.
+VERSION, VERSION_WITH_CERTIFICATES = 1, 2
+MANIFEST, CERTIFICATES = "manifest.json", "certificates.ndjson"
 #: All entries together, one line of them, entries, and the manifest [B].
 MOST_BYTES, MOST_LINE_BYTES, MOST_MEMBERS, MOST_MANIFEST_BYTES = 4 * 2**30, 8 * 2**20, 5000, 2**20
 #: ZIP knows no earlier date, and a file mode.
 _DATE, _MODE = (1980, 1, 1, 0, 0, 0), 0o644 << 16
 _NAME = re.compile(
     r"campaigns/[0-9]{2}/(campaign\.json|jobs\.ndjson|solves\.ndjson)|"
-    r"(provenance|solutions)\.ndjson|targets/[0-9a-f]{32}\.bsp"
+    r"(provenance|solutions|certificates)\.ndjson|targets/[0-9a-f]{32}\.bsp"
 )
 _CHUNK = 2**20
 
@@ -43,7 +44,8 @@ def pack(stream: BinaryIO, campaign: str, entries: Iterable[Entry]) -> Manifest:
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as packed:
         for name, content in entries:
             members[name] = _add(packed, name, content)
-        manifest = Manifest(format="coastarc campaign", version=VERSION, campaign=campaign, members=members)
+        version = VERSION_WITH_CERTIFICATES if CERTIFICATES in members else VERSION
+        manifest = Manifest(format="coastarc campaign", version=version, campaign=campaign, members=members)
         _add(packed, MANIFEST, [manifest.written()])
     return manifest
 
@@ -145,8 +147,9 @@ class Unpacked:
         except ValidationError as error:
             (first, *_) = fault_lines(MANIFEST, error.errors(include_url=False), Manifest)
             raise PortableError(f"file {self.name}: {first}") from error
-        if manifest.version != VERSION:
-            raise self._fault(f"version {VERSION}", f"{manifest.version}; install a newer coastarc")
+        if manifest.version not in (VERSION, VERSION_WITH_CERTIFICATES):
+            known = f"version {VERSION} or {VERSION_WITH_CERTIFICATES}"
+            raise self._fault(known, f"{manifest.version}; install a newer coastarc")
         return manifest
 
     def _check(self) -> None:

@@ -166,7 +166,7 @@ class ProvenanceLine(Line):
 
 
 class SolutionLine(Line):
-    """A solution with its certificate."""
+    """A solution with what its verification found."""
 
     id: Hash
     problem: Hash
@@ -185,6 +185,18 @@ class SolutionLine(Line):
     paper: bool
     strict: bool
     verification: Plain
+
+
+class CertificateLine(Line):
+    """A certificate of a solution, with where and when it was made, and when it was last found again."""
+
+    solution: Hash
+    hash: Hash
+    content: Plain
+    made_on: Text
+    made_at: Moment
+    cpu_seconds: Annotated[float, Field(ge=0)]
+    checked_at: Moment
 
 
 class Member(Line):

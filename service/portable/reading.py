@@ -8,14 +8,22 @@ from core.problem import Problem
 from service.portable.checks import (
     Contents,
     require_campaign,
+    require_certificate,
     require_job,
     require_provenance,
     require_solution,
     require_solve,
 )
-from service.portable.container import Unpacked
+from service.portable.container import CERTIFICATES, Unpacked
 from service.portable.errors import PortableError
-from service.portable.lines import CampaignLine, JobLine, ProvenanceLine, SolutionLine, SolveLine
+from service.portable.lines import (
+    CampaignLine,
+    CertificateLine,
+    JobLine,
+    ProvenanceLine,
+    SolutionLine,
+    SolveLine,
+)
 from service.portable.targets import local_fields
 from service.spec import Spec, SpecError, spec_from
 
@@ -50,6 +58,11 @@ class ReadFile:
         """Yield the solutions."""
         return self.unpacked.lines("solutions.ndjson", SolutionLine)
 
+    def certificates(self) -> Iterator[CertificateLine]:
+        """Yield the certificates, none of which need be there."""
+        if CERTIFICATES in self.unpacked.manifest.members:
+            yield from self.unpacked.lines(CERTIFICATES, CertificateLine)
+
     def jobs(self, campaign: ReadCampaign) -> Iterator[JobLine]:
         """Yield the jobs of a campaign."""
         return self.unpacked.lines(f"{campaign.folder}/jobs.ndjson", JobLine)
@@ -79,6 +92,8 @@ def read_all(unpacked: Unpacked, data: Path) -> ReadFile:
         require_provenance(provenance, read.contents)
     for solution in read.solutions():
         require_solution(solution, read.contents)
+    for certificate in read.certificates():
+        require_certificate(certificate, read.contents)
     for campaign in campaigns:
         _require_work(read, campaign)
     if lonely := read.contents.solutions.keys() - read.contents.found_at.keys():

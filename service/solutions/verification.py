@@ -9,6 +9,8 @@ import multiprocessing
 import signal
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from dataclasses import dataclass
+from importlib.util import find_spec
 from itertools import islice
 
 from pydantic import BaseModel
@@ -29,6 +31,16 @@ class VerificationError(UserError, ValueError):
     """A wish for solutions that cannot be met."""
 
 
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What is asked of every certificate."""
+
+    #: Lowest passage of the Earth or the Moon that is not marked.
+    min_altitude_km: float = 0.0
+    #: Whether heyoka flies too.
+    with_heyoka: bool = False
+
+
 class Verified(BaseModel):
     """How the verification of one solution ended."""
 
@@ -44,6 +56,8 @@ class Verified(BaseModel):
     #: Lowest of its trajectories [km].
     earth_altitude_km: float | None = None
     moon_altitude_km: float | None = None
+    #: How far heyoka's flights are from SciPy's, at most [km]; None where heyoka did not fly.
+    third_apart_km: float | None = None
     hash: str | None = None
     #: Whether no certificate with this content was there before.
     is_new: bool = False
@@ -77,23 +91,32 @@ def wanted_ids(store: Store, prefixes: Sequence[str], campaign: str | None, is_a
     return store.certificates.ids(Filter(campaign=owner))
 
 
-def fresh_ids(store: Store, ids: Sequence[str], min_altitude_km: float) -> list[str]:
-    """Return those that were not found sound with this code, these packages and this altitude."""
+def require_heyoka() -> None:
+    """Refuse to fly with heyoka where it is not installed."""
+    if find_spec("heyoka") is None:
+        raise VerificationError(
+            "--with-heyoka: expected the package heyoka, got none; install it, in a clone of the repository, "
+            "by `pip install -c constraints.txt '.[heyoka]'`"
+        )
+
+
+def fresh_ids(store: Store, ids: Sequence[str], asked: Asked) -> list[str]:
+    """Return those that were not found sound with this code, these packages, and as asked."""
     from workers.certifier import basis
 
-    known = store.certificates.sound_on(basis(min_altitude_km))
+    known = store.certificates.sound_on(basis(asked.min_altitude_km, asked.with_heyoka))
     return [one for one in ids if one not in known]
 
 
 def verify_solutions(
-    store: Store, ids: Sequence[str], min_altitude_km: float, n_processes: int = 1
+    store: Store, ids: Sequence[str], asked: Asked, n_processes: int = 1
 ) -> Iterator[Verified]:
     """Certify solutions, store each certificate, and yield how each one went as it is done."""
     from workers.certifier import basis
 
-    here = basis(min_altitude_km)
+    here = basis(asked.min_altitude_km, asked.with_heyoka)
     subjects = (store.certificates.subject(one) for one in ids)
-    for subject, found in _certified(subjects, min_altitude_km, n_processes):
+    for subject, found in _certified(subjects, asked, n_processes):
         if isinstance(found, str):
             reasons = [f"cannot be flown: {found}"]
             yield Verified(
@@ -120,6 +143,7 @@ def _judged(subject: Subject, found: CertificateDocument, is_new: bool) -> Verif
         body: min((one.altitude_km for one in closest if one.body == body), default=None)
         for body in ("Earth", "Moon")
     }
+    third = content.third.trajectories if content.third else ()
     return Verified(
         solution_id=subject.id,
         level_before=subject.level,
@@ -129,6 +153,7 @@ def _judged(subject: Subject, found: CertificateDocument, is_new: bool) -> Verif
         arrival_miss_km=None if None in misses else max(miss for miss in misses if miss is not None),
         earth_altitude_km=lowest["Earth"],
         moon_altitude_km=lowest["Moon"],
+        third_apart_km=max((one.apart[0] for one in third if one.apart[0] is not None), default=None),
         hash=found.hash,
         is_new=is_new,
         cpu_seconds=found.cpu_seconds,
@@ -137,11 +162,11 @@ def _judged(subject: Subject, found: CertificateDocument, is_new: bool) -> Verif
 
 
 def _certified(
-    subjects: Iterable[Subject], min_altitude_km: float, n_processes: int
+    subjects: Iterable[Subject], asked: Asked, n_processes: int
 ) -> Iterator[tuple[Subject, CertificateDocument | str]]:
     if n_processes == 1:
         for subject in subjects:
-            yield subject, _certify(subject, min_altitude_km)
+            yield subject, _certify(subject, asked)
         return
     # SPICE keeps state in global variables, so processes begin anew instead of as copies.
     pool = ProcessPoolExecutor(n_processes, multiprocessing.get_context("spawn"), _leave_signals_to_parent)
@@ -150,7 +175,7 @@ def _certified(
         flying: dict[Future[CertificateDocument | str], Subject] = {}
         while True:
             for subject in islice(rest, AHEAD * n_processes - len(flying)):
-                flying[pool.submit(_certify, subject, min_altitude_km)] = subject
+                flying[pool.submit(_certify, subject, asked)] = subject
             if not flying:
                 return
             for future in wait(flying, return_when=FIRST_COMPLETED).done:
@@ -163,12 +188,13 @@ def _leave_signals_to_parent() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _certify(subject: Subject, min_altitude_km: float) -> CertificateDocument | str:
+def _certify(subject: Subject, asked: Asked) -> CertificateDocument | str:
     """Return the certificate of a solution, or why its problem cannot be flown on this machine."""
     from core.problem import ProblemError, problem_from
     from workers.certifier import certificate_of
 
     try:
-        return certificate_of(subject.id, problem_from(subject.definition), subject.x, min_altitude_km)
+        problem = problem_from(subject.definition)
+        return certificate_of(subject.id, problem, subject.x, asked.min_altitude_km, asked.with_heyoka)
     except (ProblemError, OSError) as error:
         return str(error)

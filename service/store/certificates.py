@@ -15,6 +15,9 @@ from service.store.filter import Filter
 from service.store.page import Begin, Order, ids_of_page
 from workers.certificate import CertificateContent, CertificateDocument
 
+#: The basis of a certificate that was taken in from another installation, until it is found again here.
+ELSEWHERE = ""
+
 
 class Subject(NamedTuple):
     """A solution that is to be certified."""
@@ -109,6 +112,7 @@ def _latest(session: Session, solution_id: str) -> CertificateDocument | None:
         made_on=row.made_on,
         cpu_seconds=row.cpu_seconds,
         checked_at=datetime.fromtimestamp(row.checked_at, UTC),
+        is_from_elsewhere=row.basis == ELSEWHERE,
     )
 
 

@@ -15,6 +15,7 @@ from service.db.tables import (
     AttemptRow,
     Base,
     CampaignRow,
+    CertificateRow,
     JobRow,
     ProvenanceRow,
     SearchRow,
@@ -26,9 +27,11 @@ from service.portable.container import digest_of
 from service.portable.errors import PortableConflict
 from service.portable.lines import JobLine
 from service.portable.reading import ReadCampaign, ReadFile
+from service.store.certificates import ELSEWHERE
 from service.store.events import note
 from service.store.portable_rows import (
     ATTEMPT_COLUMNS,
+    CERTIFICATE_COLUMNS,
     CHUNK,
     JOB_COLUMNS,
     SOLUTION_COLUMNS,
@@ -52,6 +55,7 @@ class TakenIn(NamedTuple):
     new_campaigns: list[str]
     n_solves: int
     n_solutions: int
+    n_certificates: int
 
 
 def take_in(session: Session, read: ReadFile, now: float) -> TakenIn:
@@ -75,7 +79,9 @@ def take_in(session: Session, read: ReadFile, now: float) -> TakenIn:
     for row, campaign in new:
         n_solves += _add_work(session, row, campaign, read)
         note(session, row.id, "campaign", now, state=row.state)
-    return TakenIn(campaign_id, [row.name for row, _ in new], n_solves, n_solutions)
+    # They may have been made since a campaign that is there already came here.
+    n_certificates = _add_new(session, CertificateRow, _certificates(read))
+    return TakenIn(campaign_id, [row.name for row, _ in new], n_solves, n_solutions, n_certificates)
 
 
 def _require_same(session: Session, row: CampaignRow, campaign: ReadCampaign, read: ReadFile) -> None:
@@ -140,6 +146,17 @@ def _solutions(read: ReadFile) -> Iterator[dict[str, Any]]:
             "x": np.array(line.x),
             "defects": np.array(line.defects, dtype=np.float64),
             "created_at": read.contents.found_at[line.id],
+        }
+
+
+def _certificates(read: ReadFile) -> Iterator[dict[str, Any]]:
+    for line in read.certificates():
+        yield {name: getattr(line, name) for name in CERTIFICATE_COLUMNS} | {
+            "solution_id": line.solution,
+            "basis": ELSEWHERE,
+            "level": line.content["level"],
+            "is_sound": line.content["is_sound"],
+            "content": line.content,
         }
 
 

@@ -1,6 +1,7 @@
 """A campaign, and those that it takes seeds from, as the lines of a portable file."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -11,18 +12,20 @@ from service.db.dialect import plain
 from service.db.tables import (
     AttemptRow,
     CampaignRow,
+    CertificateRow,
     JobRow,
     ProvenanceRow,
     SearchRow,
     SolutionRow,
     SolveRow,
 )
-from service.portable.container import Entry
+from service.portable.container import CERTIFICATES, Entry
 from service.portable.errors import PortableConflict
 from service.portable.lines import (
     RESTING,
     AttemptLine,
     CampaignLine,
+    CertificateLine,
     JobLine,
     Line,
     ProvenanceLine,
@@ -34,12 +37,14 @@ from service.portable.lines import (
 from service.portable.targets import portable_fields, target_entries
 from service.store.errors import UnknownRow
 from service.store.specs import spec_of
+from workers.certificate import CertificateContent
 
 #: Rows that are in memory at once, and ids that one query names.
 CHUNK, AT_ONCE = 2000, 500
 
 _JOB, _ATTEMPT, _SOLVE = plain(JobRow).c, plain(AttemptRow).c, plain(SolveRow).c
 _SEARCH, _SOLUTION, _PROVENANCE = plain(SearchRow).c, plain(SolutionRow).c, plain(ProvenanceRow).c
+_CERTIFICATE = plain(CertificateRow).c
 #: Columns that a line takes over under their own names.
 JOB_COLUMNS = (
     *("kind", "chain", "hop", "n_hops", "mapping", "state", "priority", "attempt", "n_failures"),
@@ -55,6 +60,7 @@ SOLUTION_COLUMNS = (
     *("initial_coast_days", "final_coast_days", "time_of_flight_days", "insertion_epoch", "arrival_epoch"),
     *("paper", "strict", "verification"),
 )
+CERTIFICATE_COLUMNS = ("hash", "made_on", "made_at", "cpu_seconds", "checked_at")
 
 
 def chain_of_campaigns(session: Session, campaign_id: int) -> list[CampaignRow]:
@@ -104,6 +110,8 @@ def entries(session: Session, campaigns: Sequence[CampaignRow]) -> Iterator[Entr
     searches = _searches_of(session, campaigns)
     yield "provenance.ndjson", _written(_provenances(session, searches))
     yield "solutions.ndjson", _written(_solutions(session, searches))
+    if (first := next(certificates := _certificates(session, searches), None)) is not None:
+        yield CERTIFICATES, _written(chain([first], certificates))
     for name, path in sorted(target_entries([spec_of(campaign) for campaign in campaigns]).items()):
         yield name, [path.read_bytes()]
 
@@ -218,8 +226,7 @@ def _provenances(session: Session, searches: dict[int, int]) -> Iterator[Provena
 
 
 def _solutions(session: Session, searches: dict[int, int]) -> Iterator[SolutionLine]:
-    found = select(_SOLVE.solution_id).where(_SOLVE.search_id.in_(searches), _SOLVE.solution_id.is_not(None))
-    query = select(plain(SolutionRow)).where(_SOLUTION.id.in_(found))
+    query = select(plain(SolutionRow)).where(_SOLUTION.id.in_(_found(searches)))
     for rows in _chunks(session, query, _SOLUTION.id):
         for row in rows:
             yield SolutionLine(
@@ -228,6 +235,23 @@ def _solutions(session: Session, searches: dict[int, int]) -> Iterator[SolutionL
                 x=tuple(row.x.tolist()),
                 defects=_with_gaps(row.defects),
             )
+
+
+def _found(searches: dict[int, int]) -> Select[Any]:
+    return select(_SOLVE.solution_id).where(_SOLVE.search_id.in_(searches), _SOLVE.solution_id.is_not(None))
+
+
+def _certificates(session: Session, searches: dict[int, int]) -> Iterator[CertificateLine]:
+    owner = _CERTIFICATE.solution_id
+    is_ours = owner.in_(_found(searches))
+    for owners in _chunks(session, select(owner).where(is_ours).distinct(), owner):
+        span = owner.between(owners[0].solution_id, owners[-1].solution_id)
+        query = select(plain(CertificateRow)).where(is_ours, span).order_by(owner, _CERTIFICATE.hash)
+        for row in session.connection().execute(query):
+            # A database may give a whole float back as an integer; the document knows which is which.
+            content = CertificateContent.model_validate(row.content).model_dump(mode="json")
+            own = _taken(row, CERTIFICATE_COLUMNS)
+            yield CertificateLine(**own, solution=row.solution_id, content=content)
 
 
 def _taken(row: Row[Any], names: Iterable[str]) -> dict[str, Any]:

@@ -9,8 +9,9 @@ import { epoch, number, small } from "./format.js";
  * @typedef {{ arrival_miss: (number | null)[], failure: string }} Through
  * @typedef {{ wet: number, spiral: number, departure: number, before_outage: number, segments: number, arrival: number, spare: number }} Mass
  * @typedef {{ name: string, position_km: number | null, closest: Approach[], through: Through, mass: Mass }} Flown
- * @typedef {{ level: string, is_sound: boolean, min_altitude_km: number, marks: string[], failure: string, trajectories: Flown[] }} Content
- * @typedef {{ content: Content, hash: string, made_at: string, made_on: string, checked_at: string }} Certificate
+ * @typedef {{ integrator: string, trajectories: { apart: (number | null)[] }[] }} Third
+ * @typedef {{ third?: Third, level: string, is_sound: boolean, min_altitude_km: number, marks: string[], failure: string, trajectories: Flown[] }} Content
+ * @typedef {{ content: Content, hash: string, made_at: string, made_on: string, checked_at: string, is_from_elsewhere?: boolean }} Certificate
  */
 
 const HEAD = ["Trajectory", "Miss at arrival", "Lowest over the Earth", "Lowest over the Moon", "Propellant", "Arrives with"];
@@ -48,8 +49,16 @@ function words(found) {
   const again = found.checked_at === found.made_at ? "" : `, found again ${found.checked_at.slice(0, 10)}`;
   return (
     "Miss: how far from the target each trajectory arrives if it is flown from the departure and nothing is corrected. " +
-    `Passages below ${limit} are marked. Made ${found.made_at.slice(0, 10)} on ${found.made_on}${again}.`
+    `Passages below ${limit} are marked.${third(found.content)} Made ${found.made_at.slice(0, 10)} on ${found.made_on}` +
+    `${again}${found.is_from_elsewhere ? "; taken in from there, and not found again here" : ""}.`
   );
+}
+
+/** @param {Content} content */
+function third({ third }) {
+  if (!third) return "";
+  const apart = third.trajectories.map((flown) => flown.apart[0] ?? Infinity);
+  return ` ${third.integrator} flies at most ${small(Math.max(...apart), "km")} beside.`;
 }
 
 /** @param {Flown[]} trajectories */

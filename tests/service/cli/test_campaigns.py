@@ -42,7 +42,13 @@ def test_a_campaign_goes_from_one_folder_to_another(coastarc, archive, tmp_path)
     assert code == 0 and "Campaign 1: known solutions taken in, with 7 solves and 4 new solutions." in printed
     assert "Campaign 1: nothing is new" in coastarc("campaigns", "import", file, data=other)[1]
     told = json.loads(coastarc("campaigns", "import", file, "--json", data=other)[1])
-    assert told == {"campaign_id": 1, "new_campaigns": [], "n_solves": 0, "n_solutions": 0}
+    assert told == {
+        "campaign_id": 1,
+        "new_campaigns": [],
+        "n_solves": 0,
+        "n_solutions": 0,
+        "n_certificates": 0,
+    }
     with Store(other, read_only=True) as store:
         assert store.campaign(1).n_solutions == archive.campaign(1).n_solutions == 4
 

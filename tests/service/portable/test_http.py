@@ -42,7 +42,7 @@ def test_a_second_time_nothing_is_new(files, client, store):  # noqa: F811
     assert send(client, files[0].read_bytes()).status_code == 201
     before = everything(store)
     answer = send(client, files[0].read_bytes())
-    told = {"campaign_id": 1, "new_campaigns": [], "n_solves": 0, "n_solutions": 0}
+    told = {"campaign_id": 1, "new_campaigns": [], "n_solves": 0, "n_solutions": 0, "n_certificates": 0}
     assert answer.status_code == 200 and answer.json() == told
     assert everything(store) == before
 

@@ -3,6 +3,7 @@
 import json
 import shutil
 import sys
+from importlib.util import find_spec
 
 import pytest
 
@@ -10,7 +11,8 @@ from core.problem import content_hash
 from service import cli
 from service.cli import verify as cli_verify
 from service.cli.options import console
-from service.solutions.verification import verify_solutions
+from service.solutions import verification
+from service.solutions.verification import Asked, verify_solutions
 from service.spec import spec_from
 from service.store import Store
 from service.store.filter import Filter
@@ -18,6 +20,9 @@ from tests.acceptance.known import OUTAGE, SPEC, run_known
 from tests.service.campaigns import finish, spec_fields
 from workers.inline import Inline
 
+needs_heyoka = pytest.mark.skipif(
+    find_spec("heyoka") is None, reason="heyoka is an extra: pip install -c constraints.txt '.[heyoka]'"
+)
 SMALL = SPEC | {"search": [SPEC["search"][0] | {"guesses": 1}, SPEC["search"][1]]}
 
 
@@ -29,7 +34,7 @@ def verified(tmp_path_factory):
         store.submit(spec_from(SMALL))
         finish(store, Inline(run_known))
         ids = store.certificates.ids(Filter())
-        items = list(verify_solutions(store, ids, 0.0))
+        items = list(verify_solutions(store, ids, Asked()))
     return folder, items
 
 
@@ -73,7 +78,7 @@ def test_a_certificate_hashes_its_content_and_names_what_it_was_made_with(archiv
 
 def test_two_processes_find_the_certificates_again_that_one_made_before(archive, verified):
     with Store(archive) as store:
-        items = list(verify_solutions(store, [item.solution_id for item in verified[1]], 0.0, 2))
+        items = list(verify_solutions(store, [item.solution_id for item in verified[1]], Asked(), 2))
         first = store.certificates.latest(items[0].solution_id)
     assert {item.hash for item in items} == {item.hash for item in verified[1]}
     assert not any(item.is_new for item in items) and first.checked_at > first.made_at
@@ -128,3 +133,33 @@ def test_a_certificate_is_shown_with_its_solution(coastarc, verified):
 def test_one_way_to_name_solutions_is_needed(coastarc, words):
     code, _, said = coastarc("solutions", "verify", *words)
     assert code == 2 and "expected ids of solutions, --campaign or --all" in said and "\n" not in said.strip()
+
+
+def test_nobody_who_did_not_ask_for_a_third_flight_finds_a_trace_of_it(archive, verified):
+    with Store(archive, read_only=True) as store:
+        found = store.certificates.latest(verified[1][0].solution_id)
+    assert "third" not in found.content.model_dump(mode="json") and verified[1][0].third_apart_km is None
+
+
+def test_heyoka_that_is_not_installed_is_one_line_with_its_remedy(coastarc, monkeypatch):
+    monkeypatch.setattr(verification, "find_spec", lambda name: None)
+    code, said, complaint = coastarc("solutions", "verify", "--all", "--with-heyoka")
+    assert (code, said) == (2, "") and complaint.count("\n") == 1
+    assert "expected the package heyoka, got none; install it" in complaint
+
+
+@needs_heyoka
+def test_a_third_flight_agrees_and_changes_nothing_else_in_the_certificate(coastarc, archive, verified):
+    best = verified[1][0]
+    words = ("solutions", "verify", best.solution_id, "--with-heyoka", "--workers", 1)
+    code, said, _ = coastarc(*words, "--stale", "--json")
+    (item,) = json.loads(said)["items"]
+    # What two integrators may differ by: see tests/core/analysis/test_third.py.
+    assert code == 0 and item["is_new"] and 0.0 < item["third_apart_km"] < 0.05
+    with Store(archive, read_only=True) as store:
+        content = store.certificates.latest(best.solution_id).content
+    assert content_hash(content.model_dump(mode="json")) == item["hash"]
+    assert content_hash(content.model_copy(update={"third": None}).model_dump(mode="json")) == best.hash
+    assert "heyoka is at most" in coastarc(*words)[1]
+    assert "flown through by heyoka.taylor_adaptive" in coastarc("solutions", "show", best.solution_id)[1]
+    assert "1 left out, found sound before" in coastarc(*words, "--stale")[1]

@@ -1,0 +1,119 @@
+"""A solution flown through a third time, by heyoka's Taylor series and the records of DE440 themselves.
+
+The equations of motion are written once more, as expressions that heyoka differentiates; the coefficients of
+the records are their parameters.  So between two records the bodies are polynomials of time, and no ephemeris
+is called.  How x is read, and where the target is, is as in the second flight.  Bodies are points here: what
+passes through one flies on.  Units: km, km/s, kg, s past the departure epoch.
+"""
+
+import functools
+from collections.abc import Iterator
+from itertools import count
+from typing import Any
+
+import heyoka
+import numpy as np
+
+from core.analysis.halves import Plan, departure_of, pilot_of
+from core.analysis.records import Run, read_runs
+from core.analysis.reflight import Array, Pilot, Unflyable
+from core.analysis.through import Third, fly_through
+from core.constants import GM_EARTH, GM_JUPITER, GM_MOON, GM_SUN
+from core.problem import Problem
+
+INTEGRATOR = "heyoka.taylor_adaptive"
+#: Of the remainder of a series, relative to the largest component of the state: the last bit.
+TOLERANCE = 2.0**-52
+#: An arc that needs more steps than this circles a body closely and is given up; usual are 10.
+MAX_STEPS = 20_000
+
+
+def fly_third(problem: Problem, plans: list[Plan], naif_id: int, stop_et: float) -> Third:
+    """Return every trajectory flown through, up to an epoch past the last arrival [TDB s past J2000]."""
+    pilot = TaylorPilot(pilot_of(problem), read_runs(departure_of(problem)[0], stop_et))
+    flights = fly_through(pilot, problem, plans, naif_id, [None] * len(plans))
+    return Third(INTEGRATOR, heyoka.__version__, TOLERANCE, pilot.n_evaluations, tuple(flights))
+
+
+class TaylorPilot(Pilot):
+    """Flies arcs forward as `Pilot` does, by another integrator; `n_evaluations` counts its steps."""
+
+    def __init__(self, pilot: Pilot, runs: tuple[Run, ...]) -> None:
+        super().__init__(pilot.origin_et, 0.0, pilot.exhaust_velocity)
+        self.max_thrust = pilot.max_thrust
+        self._runs = runs
+        self._integrator = _integrator(tuple(run.n_coefficients for run in runs))
+
+    def _integrated(self, start: float, state: Array, stop: float, thrust: tuple[float, ...]) -> Array:
+        assert start < stop
+        force, flow = thrust[:3], thrust[3]
+        flown, time = state[:6], start
+        while time < stop:
+            records = [run.record_at(self.origin_et + time) for run in self._runs]
+            # Epochs of one magnitude: their differences are exact, so that no record is entered too early.
+            middles = [record.middle - self.origin_et for record in records]
+            end = min(stop, *(middle + one.radius for middle, one in zip(middles, records, strict=True)))
+            values = [float(state[6]) - flow * (time - start), flow, *force]
+            for middle, record in zip(middles, records, strict=True):
+                values += [(time - middle) / record.radius, 1.0 / record.radius]
+                values += record.coefficients.ravel().tolist()
+            flown = self._piece(flown, end - time, values, time)
+            time = end
+        return flown
+
+    def _piece(self, state: Array, duration: float, values: list[float], time: float) -> Array:
+        solver = self._integrator
+        solver.time, solver.state[:], solver.pars[:] = 0.0, state, values
+        outcome, _, _, n_steps, *_ = solver.propagate_until(duration, max_steps=MAX_STEPS)
+        self.n_evaluations += n_steps
+        if outcome != heyoka.taylor_outcome.time_limit or not np.all(np.isfinite(solver.state)):
+            raise Unflyable(f"integration gave up {(time + solver.time) / 86400:.3f} days after departure")
+        return np.array(solver.state)
+
+
+@functools.cache
+def _integrator(n_coefficients: tuple[int, ...]) -> Any:
+    """Return heyoka's integrator of eqs 1 to 3; it is compiled, which takes seconds, and then kept."""
+    x, y, z, vx, vy, vz = heyoka.make_vars("x", "y", "z", "vx", "vy", "vz")
+    parameters = (heyoka.par[index] for index in count())
+    mass_at_start, flow, *force = (next(parameters) for _ in range(5))
+    earth, moon, barycentre, sun, jupiter = (_position(parameters, n) for n in n_coefficients)
+    geocentre = [a + b for a, b in zip(barycentre, earth, strict=True)]
+    bodies = [
+        (GM_MOON, _difference(moon, earth)),
+        (GM_SUN, _difference(sun, geocentre)),
+        (GM_JUPITER, _difference(jupiter, geocentre)),
+    ]
+    mass = mass_at_start - flow * heyoka.time
+    terms = [
+        [component / mass, pull] for component, pull in zip(force, _pull(GM_EARTH, [x, y, z]), strict=True)
+    ]
+    for gm, body in bodies:
+        # The Earth falls too, so only the difference of the two pulls is felt.
+        pulls = _pull(gm, _difference([x, y, z], body)), _pull(gm, body)
+        for axis, pair in enumerate(zip(*pulls, strict=True)):
+            terms[axis] += pair
+    rates = [vx, vy, vz, *(heyoka.sum(axis) for axis in terms)]
+    system = list(zip((x, y, z, vx, vy, vz), rates, strict=True))
+    return heyoka.taylor_adaptive(system, [0.0] * 6, tol=TOLERANCE, compact_mode=True)
+
+
+def _position(parameters: Iterator[Any], n_coefficients: int) -> list[Any]:
+    """Return three sums of Chebyshev polynomials of time, by their recurrence."""
+    begin, rate = next(parameters), next(parameters)
+    place = begin + rate * heyoka.time
+    basis = [heyoka.expression(1.0), place]
+    while len(basis) < n_coefficients:
+        basis.append(2.0 * place * basis[-1] - basis[-2])
+    rows = [[next(parameters) * term for _ in range(3)] for term in basis]
+    return [heyoka.sum(list(axis)) for axis in zip(*rows, strict=True)]
+
+
+def _difference(one: list[Any], other: list[Any]) -> list[Any]:
+    return [a - b for a, b in zip(one, other, strict=True)]
+
+
+def _pull(gm: float, place: list[Any]) -> list[Any]:
+    """Return the attraction by a body at the origin on what is at a place [km/s^2]."""
+    square = heyoka.sum([component**2.0 for component in place])
+    return [-gm * component * square**-1.5 for component in place]
