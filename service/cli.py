@@ -64,6 +64,7 @@ from service.verification import VerificationError
 from workers.client import ApiError
 from workers.dispatch import ExecutorKind
 from workers.executor import ExecutorError
+from workers.provenance import code_version
 from workers.source import SourceError
 
 #: What a user can cause, and mend.
@@ -131,6 +132,28 @@ SpecFile = Annotated[Path, typer.Argument(help="Campaign specification, .toml or
 Host = Annotated[str, typer.Option(help="Address to serve on; another than loopback asks for tokens.")]
 Executor = Annotated[ExecutorKind, typer.Option(help="What runs the jobs.")]
 CampaignName = Annotated[str | None, typer.Option(help="Id or name of a campaign.")]
+
+
+def _print_version(is_asked: bool) -> None:
+    if is_asked:
+        typer.echo(f"coastarc {code_version()}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    is_asked: Annotated[
+        bool,
+        typer.Option(
+            "--version",
+            metavar="",
+            callback=_print_version,
+            is_eager=True,
+            help="Print the release and the digest of its numerics.",
+        ),
+    ] = False,
+) -> None:
+    """Search for low-thrust trajectories that survive missed-thrust events."""
 
 
 @app.command()
@@ -235,7 +258,8 @@ def list_solutions(
     segment: Annotated[int | None, typer.Option(min=1, help="Segment that an outage misses.")] = None,
     duration: Annotated[float | None, typer.Option(help="Length of the same outage, in days.")] = None,
     strict: Annotated[
-        bool | None, typer.Option("--strict/--paper-only", help="Only those that are, or are not, strict.")
+        bool | None,
+        typer.Option("--strict/--paper-only", metavar="", help="Only those that are, or are not, strict."),
     ] = None,
     sort: Annotated[Sort, typer.Option(help="What they are sorted by.")] = "objective_kg",
     limit: Annotated[int | None, typer.Option(min=1, help="At most so many, the first by --sort.")] = None,

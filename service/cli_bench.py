@@ -22,7 +22,7 @@ bench.command()(report)
 bench.command()(service)
 
 RngSeed = Annotated[int, typer.Option(min=0, help="Fixes the points.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+Json = Annotated[bool, typer.Option("--json", metavar="", help="Print JSON.")]
 
 
 @bench.callback()

@@ -23,7 +23,7 @@ def report(
     outcomes: Annotated[int, typer.Option(min=100, max=10_000_000, help="Solves in the archive.")] = 100_000,
     spec: Annotated[Path, typer.Option(help="Specification whose searches share them.")] = SPEC,
     rng_seed: Annotated[int, typer.Option(min=0, help="Fixes the archive.")] = 1,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", metavar="", help="Print JSON.")] = False,
 ) -> None:
     """Time reading the facts of a made-up archive, and writing its report."""
     from service.report import write_report

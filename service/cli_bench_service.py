@@ -11,17 +11,18 @@ from rich.console import Console
 from service import terminal
 from service.bench_machine import machine
 
-Outcomes = Annotated[int, typer.Option(min=1, help="End after so many outcomes ...")]
+Outcomes = Annotated[int, typer.Option(min=1, help="End after so many outcomes.")]
 Slots = Annotated[int, typer.Option(min=1, max=1000, help="Workers of one dispatcher.")]
 Seconds = Annotated[
-    float, typer.Option(min=0.1, help="Time after which it ends if the outcomes are not there yet [s].")
+    float,
+    typer.Option(min=0.1, help="It ends after this time if the outcomes are not there yet, in seconds."),
 ]
 WorkersOption = Annotated[int, typer.Option("--workers", min=1, max=1000, help="Simulated workers.")]
 Rate = Annotated[float, typer.Option(min=0, help="Outcomes per second that they offer; 0 all that they can.")]
 Feasible = Annotated[float, typer.Option(min=0, max=1, help="Share of outcomes that are solutions.")]
 Prefill = Annotated[int, typer.Option(min=0, max=10_000_000, help="Made-up outcomes in the archive before.")]
 Folder = Annotated[Path | None, typer.Option(help="Keep the archive in this folder, which must be empty.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+Json = Annotated[bool, typer.Option("--json", metavar="", help="Print JSON.")]
 
 
 def service(

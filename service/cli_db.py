@@ -22,7 +22,7 @@ db = typer.Typer(help="Upgrade, check, back up and restore an archive.", no_args
 
 Data = Annotated[Path, typer.Option(help="Folder of the archive.", envvar="COASTARC_DATA")]
 DATA = user_data_path("coastarc")
-Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+Json = Annotated[bool, typer.Option("--json", metavar="", help="Print JSON.")]
 
 
 @db.command("upgrade")
@@ -31,7 +31,9 @@ def upgrade_archive(
     backup_file: Annotated[
         Path | None, typer.Option("--backup", help="New file for the backup; in the data folder if left out.")
     ] = None,
-    no_backup: Annotated[bool, typer.Option("--no-backup", help="Upgrade without a backup.")] = False,
+    no_backup: Annotated[
+        bool, typer.Option("--no-backup", metavar="", help="Upgrade without a backup.")
+    ] = False,
 ) -> None:
     """Bring an archive of an older version to this one, after a backup; all or nothing."""
     place = place_of(data)

@@ -32,8 +32,10 @@ token = typer.Typer(help="Make, list and revoke tokens.", no_args_is_help=True)
 
 Data = Annotated[Path, typer.Option(help="Folder of the archive.", envvar="COASTARC_DATA")]
 DATA = user_data_path("coastarc")
-Url = Annotated[str | None, typer.Option(help="Coordinator to ask, if one is running.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+Url = Annotated[
+    str | None, typer.Option(help="Coordinator to ask, if one is running.", envvar="COASTARC_URL")
+]
+Json = Annotated[bool, typer.Option("--json", metavar="", help="Print JSON.")]
 Out = Annotated[Path | None, typer.Option(help="New file for the token, for nobody else to read.")]
 
 

@@ -146,3 +146,30 @@ def test_every_command_and_every_option_says_in_a_sentence_what_it_does():
             words = getattr(parameter, "help", None) or ""
             is_hidden = getattr(parameter, "hidden", False)
             assert is_hidden or re.match(r"[A-Z].*[.]$", words), (path, parameter.name)
+
+
+def test_a_flag_shows_no_type_since_it_takes_no_value():
+    import typer
+
+    flags = [
+        (path, parameter.name, parameter.metavar)
+        for path, command in commands(typer.main.get_command(cli.app))
+        for parameter in command.params
+        if getattr(parameter, "is_flag", False)
+    ]
+    assert len(flags) > 20 and {metavar for _, _, metavar in flags} == {""}, flags
+
+
+def test_the_version_is_asked_for_as_everywhere(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["coastarc", "--version"])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert not end.value.code and re.fullmatch(
+        r"coastarc \d+\.\d+\.\d+\+[0-9a-f]{12}\n", capsys.readouterr().out
+    )
+
+
+def test_tokens_are_asked_of_the_coordinator_of_the_environment_too(folder, monkeypatch, capsys):
+    monkeypatch.setenv("COASTARC_URL", NOWHERE)
+    code, text = said("token list", folder, monkeypatch, capsys)
+    assert code == 2 and text.startswith(f"error: coordinator: expected one at {NOWHERE}")
