@@ -8,6 +8,7 @@ from rich.table import Table
 
 from service import terminal
 from service.cli_options import Json, console, print_json
+from service.new_file import require_folder
 
 if TYPE_CHECKING:
     from service.motivating import MotivatingView
@@ -47,6 +48,8 @@ def motivating_command(out: Out = Path("motivating"), as_json: Json = False) -> 
     # Its imports take seconds, which the other commands need not wait for.
     from service.motivating import NoExample, motivating
 
+    if not as_json:
+        require_folder(out)
     try:
         found = motivating()
     except NoExample as error:
