@@ -6,6 +6,7 @@ called as those of the store, so that a command can read either.
     ClientError(RuntimeError)   a coordinator that is not there, or that refuses; its text is for people
 """
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -199,7 +200,10 @@ class Client:
             return self.campaign(int(name_or_id)).id
         found = next((item.id for item in self.campaigns() if item.name == name_or_id), None)
         if found is None:
-            raise ClientError(f"campaign {name_or_id}: expected one that exists, got none of this name")
+            raise ClientError(
+                f"campaign {name_or_id}: expected one that exists, got none of this name; see "
+                f"`coastarc status --url {self.url}`"
+            )
         return found
 
     def solutions(
@@ -216,11 +220,11 @@ class Client:
 
     def record(self, solution_id: str) -> RecordInFull:
         """Return a solution with its vector."""
-        return self._ask("record", RecordInFull, solution_id=solution_id)
+        return self._ask("record", RecordInFull, solution_id=_whole(solution_id))
 
     def reproduction(self, solution_id: str) -> Reproduction:
         """Return the job that found a solution, and what it gave."""
-        return self._ask("reproduction", Reproduction, solution_id=solution_id)
+        return self._ask("reproduction", Reproduction, solution_id=_whole(solution_id))
 
     def missed_thrust(
         self, solution_id: str, campaign: int | None = None, limit: int = 1
@@ -289,6 +293,16 @@ class Client:
         return _named(lambda: self._api.ask(route.verb, path, answer, body, params=query, timeout=TIMEOUT_S))
 
 
+def _whole(solution_id: str) -> str:
+    """Return an id, or refuse the beginning of one, which only an archive at hand can complete."""
+    if not re.fullmatch("[0-9a-f]{32}", solution_id):
+        raise ClientError(
+            f"solution {solution_id}: expected all 32 digits of its id with --url, got {len(solution_id)}; "
+            f"the page of the solution has them"
+        )
+    return solution_id
+
+
 def _choice(wanted: SeedsWanted) -> dict[str, Any]:
     mapping = None if wanted.mapping is None else list(wanted.mapping)
     return {"order": wanted.order, "limit": wanted.limit, "tolerance": wanted.tolerance, "mapping": mapping}
@@ -303,6 +317,7 @@ def _named(ask: Callable[[], T]) -> T:
 
 def _client_error(error: ApiError | Unreachable) -> ClientError:
     if isinstance(error, Rejected):
-        return ClientError(str(error), error.status, error.code)
+        advice = "; name a file with one in force by COASTARC_TOKEN_FILE" if error.status == 401 else ""
+        return ClientError(f"{error}{advice}", error.status, error.code)
     advice = "; start one with `coastarc serve`" if isinstance(error, Unreachable) else ""
     return ClientError(f"{error}{advice}")

@@ -22,7 +22,9 @@ def write_new(path: Path, content: Iterable[bytes]) -> int:
     try:
         descriptor, draft = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-")
     except OSError as error:
-        raise FileError(f"file {path}: expected a folder to write to, got {error.strerror}") from error
+        raise FileError(
+            f"file {path}: expected a folder to write to, got {error.strerror}; name another with --output"
+        ) from error
     try:
         with os.fdopen(descriptor, "wb") as stream:
             stream.writelines(content)
@@ -35,6 +37,18 @@ def write_new(path: Path, content: Iterable[bytes]) -> int:
     finally:
         Path(draft).unlink(missing_ok=True)
     return n_bytes
+
+
+def require_folder(folder: Path) -> None:
+    """Make the folder that results will go to, or refuse it before the work rather than after."""
+    reason = None
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = error.strerror
+    if reason or not os.access(folder, os.W_OK):
+        reason = reason or "one that is not yours"
+        raise FileError(f"folder {folder}: expected one to write in, got {reason}; name another with --out")
 
 
 def _umask() -> int:

@@ -99,6 +99,10 @@ class Api:
             reply = self._http.request(verb, path, **more)
         if not reply.is_success:
             self._refuse(reply)
+        if reply.headers.get("content-type", "").startswith("text/html"):
+            raise Rejected(
+                reply.status_code, f"coordinator: expected one at {self.url}, got an answer of something else"
+            )
         try:
             return answer.model_validate_json(reply.content), reply.status_code
         except ValidationError as error:

@@ -19,6 +19,7 @@ from service.client import Client
 from service.coordinator import Coordinator, Crew
 from service.missed_thrust.analysis_spec import USUAL_DURATIONS, analysis_spec, grid_of
 from service.missed_thrust.views import views_of
+from service.new_file import require_folder
 from service.scheduler.states import ENDED
 from service.spec import spec_from
 from service.store import Store, StoreError
@@ -26,7 +27,7 @@ from workers.dispatch import ExecutorKind
 
 analyse = typer.Typer(help="Find out what may happen to a solution.", no_args_is_help=True)
 
-Solution = Annotated[str, typer.Argument(help="Id of a solution, or its beginning.")]
+Solution = Annotated[str, typer.Argument(help="Id of a solution, or its beginning; all of it with --url.")]
 Beside = Annotated[
     str | None,
     typer.Option(help="Analyse another solution as well, and show both; `seed` is the one it was made from."),
@@ -72,6 +73,8 @@ def missed_thrust_command(
     shown = Console(stderr=True) if as_json else console
     logs.configure(level="WARNING")
     wanted = Wanted(segments, durations)
+    if not as_json:
+        require_folder(out or Path())
     if url is not None:
         with client_of(url) as client:
             views = [_remote(shown, client, one, wanted) for one in _both(client.record, solution, beside)]

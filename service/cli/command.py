@@ -105,7 +105,14 @@ def _print_version(is_asked: bool) -> None:
 
 
 Version = Annotated[
-    bool, typer.Option("--version", help="Print the version.", is_eager=True, callback=_print_version)
+    bool,
+    typer.Option(
+        "--version",
+        metavar="",
+        help="Print the release and the digest of its numerics.",
+        is_eager=True,
+        callback=_print_version,
+    ),
 ]
 
 

@@ -210,7 +210,8 @@ def seeds(
     ] = None,
     k: Annotated[int | None, typer.Option(min=0, help="Number of outages that the seeds survive.")] = None,
     order: Annotated[
-        Literal["address", "delta_v", "time_of_flight", "diversity"] | None, typer.Option(help="Which first.")
+        Literal["address", "delta_v", "time_of_flight", "diversity"] | None,
+        typer.Option(help="Which seeds go first."),
     ] = None,
     limit: Annotated[int | None, typer.Option(min=1, max=200, help="At most so many seeds.")] = None,
     tolerance: Annotated[

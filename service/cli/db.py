@@ -27,7 +27,9 @@ def upgrade_archive(
     backup_file: Annotated[
         Path | None, typer.Option("--backup", help="New file for the backup; in the data folder if left out.")
     ] = None,
-    no_backup: Annotated[bool, typer.Option("--no-backup", help="Upgrade without a backup.")] = False,
+    no_backup: Annotated[
+        bool, typer.Option("--no-backup", metavar="", help="Upgrade without a backup.")
+    ] = False,
 ) -> None:
     """Bring an archive of an older version to this one, after a backup; all or nothing."""
     place = place_of(data)

@@ -9,6 +9,7 @@ from rich.table import Table
 from core.faults import UserError
 from service.cli import terminal
 from service.cli.options import Json, console, print_json
+from service.new_file import require_folder
 
 if TYPE_CHECKING:
     from service.missed_thrust.motivating import MotivatingView
@@ -48,6 +49,8 @@ def motivating_command(out: Out = Path("motivating"), as_json: Json = False) -> 
     # Its imports take seconds, which the other commands need not wait for.
     from service.missed_thrust.motivating import NoExample, motivating
 
+    if not as_json:
+        require_folder(out)
     try:
         found = motivating()
     except NoExample as error:

@@ -17,6 +17,10 @@ _SAYINGS = (
     (r"Invalid value for '([^']+)': Input should be (.+?)(?:, unable to .*)?", r"\1: expected \2"),
     (r"Invalid value for '([^']+)': (.+)", r"\1: \2"),
     (r"Missing (?:option|argument) '([^']+)'.*", r"\1: expected a value, got none"),
+    (
+        r"No such (command|option):? ('?.+?'?)\.? Did you mean (.*)\?",
+        r"\1: expected one that exists, got \2; did you mean \3",
+    ),
     (r"No such command ('.*?')\.?(.*)", r"command: expected one that exists, got \1\2"),
     (r"No such option: (\S+)(.*)", r"option: expected one that exists, got \1\2"),
     (r"Got unexpected extra argument(?:s|\(s\))? \((.*)\)", r"arguments: expected no more, got \1"),

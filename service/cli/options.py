@@ -23,7 +23,8 @@ WORKERS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 
 SpecFile = Annotated[Path, typer.Argument(help="Campaign specification, .toml or .json.")]
 Data = Annotated[Path, typer.Option(help="Folder of the archive.", envvar="COASTARC_DATA")]
 Workers = Annotated[int, typer.Option(min=1, max=1024, help="Worker processes; one per core if left out.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+#: The empty metavar: typer would write <bool> behind a flag, which takes no value.
+Json = Annotated[bool, typer.Option("--json", metavar="", help="Print JSON.")]
 Url = Annotated[str, typer.Option(help="Where the coordinator is.", envvar="COASTARC_URL")]
 MaybeUrl = Annotated[
     str | None,

@@ -13,7 +13,9 @@ from service.store import Store
 
 Campaign = Annotated[str, typer.Argument(help="Id of a campaign, or its name; the newest of that name.")]
 Out = Annotated[Path | None, typer.Option(help="Folder to write to; report-NAME here if left out.")]
-Json = Annotated[bool, typer.Option("--json", help="Print the tables as JSON, and write nothing.")]
+Json = Annotated[
+    bool, typer.Option("--json", metavar="", help="Print the tables as JSON, and write nothing.")
+]
 
 
 class ReportError(UserError, RuntimeError):

@@ -13,7 +13,9 @@ from workers.job import Job, JobOutcome
 
 
 def reproduce_command(
-    solution: Annotated[str, typer.Argument(help="Id of a solution, or its beginning.")],
+    solution: Annotated[
+        str, typer.Argument(help="Id of a solution, or its beginning; all of it with --url.")
+    ],
     data: Data = DATA,
     url: MaybeUrl = None,
     as_json: Json = False,

@@ -30,7 +30,8 @@ def list_solutions(
     segment: Annotated[int | None, typer.Option(min=1, help="Segment that an outage misses.")] = None,
     duration: Annotated[float | None, typer.Option(help="Length of the same outage, in days.")] = None,
     strict: Annotated[
-        bool | None, typer.Option("--strict/--paper-only", help="Only those that are, or are not, strict.")
+        bool | None,
+        typer.Option("--strict/--paper-only", metavar="", help="Only those that are, or are not, strict."),
     ] = None,
     sort: Annotated[Sort, typer.Option(help="What they are sorted by.")] = "objective_kg",
     limit: Annotated[

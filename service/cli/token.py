@@ -27,7 +27,9 @@ from service.store import Store
 
 token = typer.Typer(help="Make, list and revoke tokens.", no_args_is_help=True)
 
-Url = Annotated[str | None, typer.Option(help="Coordinator to ask, if one is running.")]
+Url = Annotated[
+    str | None, typer.Option(help="Coordinator to ask, if one is running.", envvar="COASTARC_URL")
+]
 Out = Annotated[Path | None, typer.Option(help="New file for the token, for nobody else to read.")]
 
 

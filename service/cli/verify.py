@@ -31,7 +31,7 @@ def verify_command(
         list[str] | None, typer.Argument(help="Ids of solutions, or their beginnings.")
     ] = None,
     campaign: Annotated[str | None, typer.Option(help="All of this campaign, by its id or name.")] = None,
-    is_all: Annotated[bool, typer.Option("--all", help="All of the archive.")] = False,
+    is_all: Annotated[bool, typer.Option("--all", metavar="", help="All of the archive.")] = False,
     data: Data = DATA,
     min_altitude_km: Annotated[
         float,
@@ -40,7 +40,9 @@ def verify_command(
     is_stale: Annotated[
         bool,
         typer.Option(
-            "--stale", help="Leave out those found sound with this code, these packages, this altitude."
+            "--stale",
+            metavar="",
+            help="Leave out those found sound with this code, these packages, this altitude.",
         ),
     ] = False,
     with_heyoka: Annotated[

@@ -80,7 +80,8 @@ class Unpacked:
         try:
             self._packed = zipfile.ZipFile(content)
         except (OSError, zipfile.BadZipFile, NotImplementedError) as error:
-            raise self._fault("a portable file of a campaign", error) from error
+            reason = getattr(error, "strerror", None) or error
+            raise self._fault("a portable file of a campaign", reason) from error
         try:
             self.manifest = self._read_manifest()
             self._check()

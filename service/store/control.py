@@ -160,7 +160,7 @@ def get_search_row(session: Session, campaign_id: int, name: str) -> tuple[Campa
     own = (SearchRow.campaign_id == campaign_id) & (SearchRow.name == name)
     row = session.scalar(select(SearchRow).where(own))
     if row is None:
-        raise UnknownRow("search", f"{name} of campaign {campaign_id}")
+        raise UnknownRow("search", f"{name} of campaign {campaign_id}", "none of this name")
     return campaign, row
 
 

@@ -162,7 +162,7 @@ def _revoke(session: Session, name_or_id: str, now: float) -> TokenView:
     row = session.scalar(in_use.where(TokenRow.name == name_or_id))
     row = row or session.scalar(in_use.where(TokenRow.id == name_or_id))
     if row is None:
-        raise UnknownRow("token", name_or_id)
+        raise UnknownRow("token", name_or_id, "none with this name or id; see `coastarc token list`")
     row.revoked_at = now
     session.execute(delete(SessionRow).where(SessionRow.token_id == row.id))
     return _view(row, now)

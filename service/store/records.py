@@ -117,7 +117,7 @@ def find_id(session: Session, prefix: str) -> str:
     query = select(SolutionRow.id).where(SolutionRow.id.startswith(prefix, autoescape=True)).limit(2)
     found = session.scalars(query).all()
     if not found:
-        raise UnknownRow("solution", prefix)
+        raise UnknownRow("solution", prefix, "none with this id; see `coastarc solutions list`")
     if len(found) > 1:
         raise StoreError(
             f"solution {prefix}: expected the beginning of one id, got that of several; type more of it"

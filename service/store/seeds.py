@@ -55,7 +55,7 @@ def seeds_of_search(session: Session, campaign_id: int, name: str, wanted: Seeds
     if campaign is None:
         raise UnknownRow("campaign", campaign_id)
     if row is None:
-        raise UnknownRow("search", f"{name} of campaign {campaign_id}")
+        raise UnknownRow("search", f"{name} of campaign {campaign_id}", "none of this name")
     fields = search_spec(campaign, row).model_dump(by_alias=True, exclude_unset=True)
     if "seeds" not in fields:
         raise StoreError(f"search {name}: expected S(k|k'), which takes seeds, got {row.strategy}")

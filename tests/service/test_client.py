@@ -216,6 +216,26 @@ def test_nobody_there_is_an_error_with_advice():
     assert raised.value.status is None
 
 
+@pytest.mark.parametrize(
+    ("reply", "reason"),
+    [
+        (httpx.Response(200, html="<p>hello"), "expected one at http://node7:8741, got .* something else"),
+        (
+            httpx.Response(401, json={"detail": "token: none"}),
+            "token: none; name a file .* COASTARC_TOKEN_FILE",
+        ),
+    ],
+)
+def test_another_service_and_a_missing_token_are_told_with_what_helps(reply, reason):
+    with Client("http://node7:8741") as client:
+        client._api._http = httpx.Client(
+            base_url="http://node7:8741", transport=httpx.MockTransport(lambda _: reply)
+        )
+        with pytest.raises(ClientError, match=reason):
+            client.campaigns()
+        client._api._http.close()
+
+
 def test_a_report_may_be_larger_than_what_people_send(client):
     padding = " " * (600 * 1024)
     report = {"job_id": 1, "attempt": 1, "outcome": {"ending": "crash"}}

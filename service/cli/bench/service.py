@@ -12,10 +12,11 @@ from service.bench.machine import machine
 from service.cli import terminal
 from service.cli.options import Json
 
-Outcomes = Annotated[int, typer.Option(min=1, help="End after so many outcomes ...")]
+Outcomes = Annotated[int, typer.Option(min=1, help="End after so many outcomes.")]
 Slots = Annotated[int, typer.Option(min=1, max=1000, help="Workers of one dispatcher.")]
 Seconds = Annotated[
-    float, typer.Option(min=0.1, help="Time after which it ends if the outcomes are not there yet [s].")
+    float,
+    typer.Option(min=0.1, help="It ends after this time if the outcomes are not there yet, in seconds."),
 ]
 WorkersOption = Annotated[int, typer.Option("--workers", min=1, max=1000, help="Simulated workers.")]
 Rate = Annotated[float, typer.Option(min=0, help="Outcomes per second that they offer; 0 all that they can.")]

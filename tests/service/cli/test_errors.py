@@ -73,14 +73,14 @@ MISTAKES = {
     "submit quick.toml --url ftp://x": r"url: expected one as http://host:8741, got ftp://x",
     "status --data missing": r"archive: .* got missing/coastarc.db, .*; run a campaign first, or",
     "status --data damaged": r"archive damaged/coastarc.db: .* not a database; name another folder",
-    "status --data data --campaign nobody": r"campaign nobody: .* got none with this id or name",
+    "status --data data --campaign nobody": r"campaign nobody: .* this id or name; see `coastarc status`",
     "report nobody --data data": r"campaign nobody: .* got none with this id or name",
     "report 1 --data data --out file": r"report file: expected a folder to write in, .*; name another",
     "solutions list --data data --campaign nobody": r"campaign nobody: expected one that exists",
     "solutions list --data data --sort size": r"--sort: expected one of 'objective_kg', .*, got 'size'; see",
     "solutions list --data data --k -1": r"--k: expected greater than or equal to 0; see `",
     "solutions list --data data --limit 99999999999999999999": r"--limit: expected less .* 1000000000; see `",
-    "solutions show zz --data data": r"solution zz: expected one that exists, got none with this id",
+    "solutions show zz --data data": r"solution zz: expected .*, got none .*; see `coastarc solutions list`",
     "solutions show": r"solution: expected a value, got none; see `coastarc solutions show --help`",
     "solutions nonsense": r"command: .* exists, got 'nonsense'; see `coastarc solutions --help`",
     "seeds --data data": r"seeds: expected --campaign and --search, or --problem .*, got another mixture",
@@ -99,6 +99,12 @@ MISTAKES = {
     "bench solve missing.toml": r"problem: expected a preset .*, got missing.toml: No such file or directory",
     "bench chain --mapping sideways": r"mapping: expected one of reference, .*, got 'sideways'",
     "bench evaluate --wrong": r"option: expected one that exists, got --wrong",
+    "solution list": r"command: expected one that exists, got 'solution'; did you mean 'solutions'; see `",
+    "seeds --data data --campaign 1 --search s9": r"search s9 of campaign 1: .* got none of this name",
+    "campaigns import none.zip --data made3": r"file none.zip: .* campaign, got No such file or directory$",
+    "campaigns export 1 --data data -o no/x": r"file no/x: .* got No such file .*; name another with --out",
+    f"solutions reproduce 12 --url {NOWHERE}": r"solution 12: expected all 32 digits .* with --url, got 2; ",
+    "example motivating --out file": r"folder file: expected one to write in, got File exists; name another",
     "nonsense": r"command: expected one that exists, got 'nonsense'; see `coastarc --help`",
     "doctor extra": r"arguments: expected no more, got extra; see `coastarc doctor --help`",
 }
@@ -149,3 +155,30 @@ def test_every_command_and_every_option_says_in_a_sentence_what_it_does():
             words = getattr(parameter, "help", None) or ""
             is_hidden = getattr(parameter, "hidden", False)
             assert is_hidden or re.match(r"[A-Z].*[.]$", words), (path, parameter.name)
+
+
+def test_a_flag_shows_no_type_since_it_takes_no_value():
+    import typer
+
+    flags = [
+        (path, parameter.name, parameter.metavar)
+        for path, command in commands(typer.main.get_command(cli.app))
+        for parameter in command.params
+        if getattr(parameter, "is_flag", False)
+    ]
+    assert len(flags) > 20 and {metavar for _, _, metavar in flags} == {""}, flags
+
+
+def test_the_version_is_asked_for_as_everywhere(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["coastarc", "--version"])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert not end.value.code and re.fullmatch(
+        r"coastarc \d+\.\d+\.\d+\+[0-9a-f]{12}\n", capsys.readouterr().out
+    )
+
+
+def test_tokens_are_asked_of_the_coordinator_of_the_environment_too(folder, monkeypatch, capsys):
+    monkeypatch.setenv("COASTARC_URL", NOWHERE)
+    code, text = said("token list", folder, monkeypatch, capsys)
+    assert code == 2 and text.startswith(f"error: coordinator: expected one at {NOWHERE}")
