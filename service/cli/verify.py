@@ -46,7 +46,10 @@ def verify_command(
         ),
     ] = False,
     with_heyoka: Annotated[
-        bool, typer.Option("--with-heyoka", help="Fly through a third time, by heyoka's Taylor series.")
+        bool,
+        typer.Option(
+            "--with-heyoka", metavar="", help="Fly through a third time, by heyoka's Taylor series."
+        ),
     ] = False,
     workers: Workers = WORKERS,
     as_json: Json = False,

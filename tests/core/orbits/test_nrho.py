@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy
 from scipy.integrate import solve_ivp
 
 from core.constants import SECONDS_PER_DAY
@@ -82,7 +83,7 @@ def test_the_step_is_the_least_that_solves():
     rng = np.random.default_rng(3)
     jacobian, goal = rng.normal(size=(6, 14)), rng.normal(size=6)
     expected = np.linalg.lstsq(jacobian, goal)[0]
-    actual = shooting._smallest_step(shooting.sparse.csc_array(jacobian), goal)
+    actual = shooting._smallest_step(scipy.sparse.csc_array(jacobian), goal)
     np.testing.assert_allclose(actual, expected, atol=1e-13)  # rounding, condition below 10
 
 

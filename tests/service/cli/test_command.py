@@ -44,4 +44,4 @@ def test_the_version_is_that_of_the_package():
 
 def test_a_word_that_is_nearly_a_command_is_asked_about():
     code, printed = coastarc("statsu")
-    assert code == 2 and "Did you mean 'status'?" in printed
+    assert code == 2 and "did you mean 'status'" in printed

@@ -162,7 +162,7 @@ def test_a_flag_shows_no_type_since_it_takes_no_value():
 
     flags = [
         (path, parameter.name, parameter.metavar)
-        for path, command in commands(typer.main.get_command(cli.app))
+        for path, command in commands(typer.main.get_command(cli.app_of()))
         for parameter in command.params
         if getattr(parameter, "is_flag", False)
     ]

@@ -11,7 +11,8 @@ from service.access.request_body import BodyFault, save_body
 from service.api import portable
 from service.app import create_app
 from tests.acceptance import known
-from tests.service.portable.test_portable import FORGERIES, everything, files, forged, origin  # noqa: F401 - fixtures
+from tests.service.portable.made import everything
+from tests.service.portable.test_refused import FORGERIES, forged
 
 IMPORT = "/api/v1/campaigns/import"
 URL = "http://127.0.0.1:8741"
@@ -28,7 +29,7 @@ def names(folder):
 # Taking away and taking in.
 
 
-def test_a_campaign_goes_from_one_service_to_another_and_back(origin, client):  # noqa: F811
+def test_a_campaign_goes_from_one_service_to_another_and_back(origin, client):
     with TestClient(create_app(origin), base_url=URL) as there:
         away = there.get("/api/v1/campaigns/2/export")
         assert away.status_code == 200 and "content-encoding" not in away.headers
@@ -38,7 +39,7 @@ def test_a_campaign_goes_from_one_service_to_another_and_back(origin, client):  
     assert client.get("/api/v1/campaigns/2/export").content == away.content
 
 
-def test_a_second_time_nothing_is_new(files, client, store):  # noqa: F811
+def test_a_second_time_nothing_is_new(files, client, store):
     assert send(client, files[0].read_bytes()).status_code == 201
     before = everything(store)
     answer = send(client, files[0].read_bytes())
@@ -50,7 +51,7 @@ def test_a_second_time_nothing_is_new(files, client, store):  # noqa: F811
 # Refusals.
 
 
-def test_nothing_is_kept_of_a_file_that_is_damaged_or_something_else(files, client, store):  # noqa: F811
+def test_nothing_is_kept_of_a_file_that_is_damaged_or_something_else(files, client, store):
     whole = files[0].read_bytes()
     before, kept = everything(store), names(store.folder)
     damaged = bytearray(whole)
@@ -65,14 +66,14 @@ def test_nothing_is_kept_of_a_file_that_is_damaged_or_something_else(files, clie
 
 
 @pytest.mark.parametrize(("name", "change", "reason"), FORGERIES[::6])
-def test_what_somebody_has_written_into_it_is_refused(files, client, store, tmp_path, name, change, reason):  # noqa: F811
+def test_what_somebody_has_written_into_it_is_refused(files, client, store, tmp_path, name, change, reason):
     before = everything(store)
     answer = send(client, forged(files[0], tmp_path / "forged.zip", change, name).read_bytes())
     assert answer.status_code == 422 and "expected" in answer.json()["detail"]
     assert everything(store) == before
 
 
-def test_the_same_campaign_with_other_work_stands_against_it(files, client, store):  # noqa: F811
+def test_the_same_campaign_with_other_work_stands_against_it(files, client, store):
     known.submitted(store)
     store.control_campaign(1, "cancel")
     answer = send(client, files[0].read_bytes())
