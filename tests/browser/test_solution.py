@@ -77,8 +77,8 @@ def test_a_frame_has_its_own_address_and_the_way_back(robust, visit):
 
 
 FRAMES_AS_SENT = """async (id) => {
-  const page = document.querySelector('link[rel=modulepreload]').href;
-  const { completed } = await import(page.replace('page.js', 'frames.js'));
+  const module = document.querySelector('link[rel=modulepreload][href$="/frames.js"]').href;
+  const { completed } = await import(module);
   const ask = async (query) => (await fetch(`/api/v1/solutions/${id}/trajectory${query}`)).json();
   const [full, made] = [await ask(''), completed(await ask('?tracks=inertial'))];
   const tracks = (flight) => [...flight.trajectories, flight.moon, flight.target];
