@@ -52,4 +52,4 @@ spice.spkw13(
 )
 spice.spkcls(handle)
 distance = np.linalg.norm(flown.y[:3], axis=0)
-print(f"{FILE}: {DAYS} days, {distance.min():,.0f} to {distance.max():,.0f} km from the Moon")
+print(f"{FILE.name}: {DAYS} days, {distance.min():,.0f} to {distance.max():,.0f} km from the Moon")

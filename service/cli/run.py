@@ -1,5 +1,6 @@
 """`coastarc run` and `coastarc serve`: campaigns on this machine, and what is shown meanwhile."""
 
+import shlex
 import time
 from typing import Annotated
 
@@ -48,7 +49,7 @@ def run(
         is_finished = _go_on(coordinator, campaign_id, is_new, crew_of(executor, workers))
         view = coordinator.store.campaign(campaign_id)
         dead = coordinator.store.jobs(campaign_id, None, "dead", limit=1).items
-    _conclude(view, dead, is_finished)
+    _conclude(view, dead, is_finished, data)
 
 
 def _go_on(coordinator: Coordinator, campaign_id: int, is_new: bool, crew: Crew) -> bool:
@@ -66,7 +67,7 @@ def _go_on(coordinator: Coordinator, campaign_id: int, is_new: bool, crew: Crew)
     return run_to_end(console, coordinator, campaign_id, crew)
 
 
-def _conclude(view: CampaignView, dead: list[JobView], is_finished: bool) -> None:
+def _conclude(view: CampaignView, dead: list[JobView], is_finished: bool, data: Path) -> None:
     console.print(terminal.summary(view))
     if dead:
         n_dead = sum(search.jobs.dead for search in view.searches)
@@ -75,7 +76,13 @@ def _conclude(view: CampaignView, dead: list[JobView], is_finished: bool) -> Non
     if not is_finished:
         console.print("Interrupted; every result is kept, and the same command goes on.")
         raise typer.Exit(130)
-    console.print("See all with `coastarc solutions list`, or in the browser with `coastarc serve`.")
+    where = "" if data == DATA else f" --data {shlex.quote(str(data))}"
+    console.print(
+        f"See all with `coastarc solutions list{where}`, or in the browser with `coastarc serve{where}`.",
+        highlight=False,
+        soft_wrap=True,
+        markup=False,
+    )
 
 
 def serve(
@@ -132,7 +139,8 @@ def _follow(console: Console, coordinator: Coordinator, campaign_id: int) -> Non
             if time.monotonic() < next_look:
                 # The whole view asks a lot of the archive, and the processor is for the solves.
                 continue
-            next_look += period
+            # From now: a machine that slept would else get a line for every period that it missed.
+            next_look = time.monotonic() + period
             view = store.campaign(campaign_id)
             if console.is_terminal:
                 live.update(terminal.progress(view), refresh=True)

@@ -40,7 +40,8 @@ def summary(view: CampaignView) -> Table:
             _shown(search.best_delta_v_km_s, 4),
             _shown(search.cpu_seconds / search.n_strict if search.n_strict else None, 1),
         )
-    rows.caption = "shares with 95 % interval; least propellant and delta-v; CPU time per strict solution"
+    strict = "least propellant and delta-v of strict solutions; CPU time per one"
+    rows.caption = f"shares with 95 % interval; {strict}"
     rows.caption_justify = "left"
     return rows
 
@@ -156,11 +157,12 @@ def seed_list(page: SeedPage) -> Table:
 
 def solution_list(records: Sequence[Record]) -> Table:
     """Return solutions, one row each."""
-    rows = table("id", "search", "kg", "km/s", "days", "insertion", "defects", "seed")
+    rows = table("id", "search", "k", "kg", "km/s", "days", "insertion", "defects", "seed")
     for record in records:
         rows.add_row(
             record.id[:8],
             record.search,
+            str(record.k),
             _shown(record.propellant_kg, 2),
             _shown(record.delta_v_km_s, 4),
             _shown(record.time_of_flight_days, 2),

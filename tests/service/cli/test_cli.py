@@ -124,9 +124,13 @@ def test_solutions_are_listed_with_all_their_fields_as_json(coastarc, spec_file,
     assert json.loads(shown) == records[0] | {"certificate": None, "certificate_hash": None}
 
 
-def test_tables_for_people(coastarc, spec_file):
-    coastarc("run", spec_file)
-    assert "s1-0" in coastarc("solutions", "list")[1]
+def test_tables_for_people(coastarc, spec_file, tmp_path):
+    _, printed, _ = coastarc("run", spec_file)
+    # What it advises asks the same archive.
+    assert f"`coastarc solutions list --data {tmp_path}`" in printed
+    lines = coastarc("solutions", "list")[1].splitlines()
+    assert lines[1].split()[:4] == ["id", "search", "k", "kg"]
+    assert {line.split()[1:3][1] for line in lines if " s1-0 " in line} == {"1"}
     assert "done" in coastarc("status")[1] and "s1-0" in coastarc("status", "--campaign", 1)[1]
     assert json.loads(coastarc("status", "--json")[1])["campaigns"][0]["state"] == "done"
 
