@@ -147,12 +147,17 @@ class CertificateContent(Message):
     third: Annotated[CertifiedThird | None, Field(exclude_if=_is_absent)] = None
 
 
-class CertificateDocument(Message):
-    """A certificate as it is stored, shown and handed out."""
+class CertificateFile(Message):
+    """A certificate as a file of its own: what the same flight makes again."""
 
     content: CertificateContent
     #: BLAKE2b-128 of the content: keys sorted, floats in hexadecimal.
     hash: str
+
+
+class CertificateDocument(CertificateFile):
+    """A certificate as it is stored, shown and handed out."""
+
     #: When [UTC], where and with how much processor time it was made, and when it was last found again.
     made_at: datetime
     made_on: str

@@ -1,52 +1,54 @@
-"""The certificate of a benchmark's solution: the one place that says what is in it and what must agree."""
+"""The certificate of a benchmark's solution as a file, and what in it another machine has to find as well."""
 
-from typing import Any
+import math
+from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from pydantic import ValidationError
 
-from core.analysis.verify import Verification, verify
-from core.problem import Problem, calendar_epoch
-from core.tolerances import STRICT, violation
-from workers.provenance import provenance
+from core.faults import fault_lines
+from core.problem import content_hash
+from service.benchmark.benchmark_set import BenchmarkError, read_text
+from workers.certificate import CertificateContent, CertificateFile
 
-#: A flight on another machine rounds otherwise; a certificate's masses come from the vector and do not.
+#: A flight on another machine rounds otherwise; the masses of the vector do not.
 MASS_KG = 1e-9
+#: Fields of the content that every machine finds.
+SAME = ("problem_hash", "solution_id", "k", "level", "is_sound", "failure")
 
 
-def certified(problem: Problem, x: NDArray[np.float64], solution: str) -> dict[str, Any]:
-    """Fly a solution by the independent verifier and return what it finds, as plain data."""
-    return _content(problem, solution, verify(problem, x))
+def read_certificate(path: Path) -> CertificateContent:
+    """Return the content of a certificate that has the hash it names."""
+    try:
+        found = CertificateFile.model_validate_json(read_text(path))
+    except ValidationError as error:
+        (first, *_) = fault_lines(str(path), error.errors(include_url=False), CertificateFile)
+        raise BenchmarkError(first) from error
+    if content_hash(found.content.model_dump(mode="json")) != found.hash:
+        raise BenchmarkError(f"{path}: expected the hash of its content, got {found.hash}")
+    return found.content
 
 
-def _content(problem: Problem, solution: str, found: Verification) -> dict[str, Any]:
-    here = provenance()
-    return {
-        "problem": problem.hash,
-        "solution": solution,
-        "strict": bool(found.strict),
-        "failure": found.failure,
-        "violation": violation(found.defects, STRICT),
-        "integrator": found.integrator,
-        "tolerance": found.tolerance,
-        "defects_km_km_s_kg": found.defects.tolist(),
-        "target_error_km_km_s": found.target_error.tolist(),
-        "arrival_epochs_tdb": [calendar_epoch(float(et)) for et in found.arrival_et],
-        "final_mass_kg": found.final_mass_kg.tolist(),
-        "kernels": dict(found.kernels),
-        "code": here.code_version,
-        "packages": here.package_versions,
-    }
-
-
-def differences(stated: dict[str, Any], found: dict[str, Any]) -> list[str]:
+def differences(stated: CertificateContent, found: CertificateContent) -> list[str]:
     """Return in what a certificate contradicts another flight of the same solution."""
-    faults = [
-        f"{name}: {stated.get(name)} stated, {found[name]} found"
-        for name in ("problem", "solution", "strict", "failure", "arrival_epochs_tdb")
-        if stated.get(name) != found[name]
-    ]
-    masses, flown = (np.array(one.get("final_mass_kg", ()), dtype=float) for one in (stated, found))
-    if masses.shape != flown.shape or not np.allclose(masses, flown, rtol=0.0, atol=MASS_KG):
-        faults.append(f"final_mass_kg: {masses.tolist()} stated, {flown.tolist()} found")
+    pairs = [(name, getattr(stated, name), getattr(found, name)) for name in SAME]
+    pairs.append(("arrival_epoch", _arrivals(stated), _arrivals(found)))
+    faults = [f"{name}: {ours} stated, {theirs} found" for name, ours, theirs in pairs if ours != theirs]
+    ours, theirs = _masses(stated), _masses(found)
+    if len(ours) != len(theirs) or not np.allclose(ours, theirs, rtol=0.0, atol=MASS_KG):
+        faults.append(f"stated_arrival: {ours} stated, {theirs} found")
     return faults
+
+
+def largest_miss_km(content: CertificateContent) -> float:
+    """Return the largest miss at arrival [km], infinite where a trajectory was not flown so far."""
+    misses = [flown.through.arrival_miss[0] for flown in content.trajectories]
+    return max(math.inf if miss is None else miss for miss in misses)
+
+
+def _arrivals(content: CertificateContent) -> list[str]:
+    return [flown.arrival_epoch for flown in content.trajectories]
+
+
+def _masses(content: CertificateContent) -> list[float]:
+    return [flown.mass.stated_arrival for flown in content.trajectories]

@@ -1,12 +1,14 @@
 """Whether a set is what it says: its files, its constants, and every solution flown again from them alone."""
 
-import json
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from core.ephemeris.kernels import kernel_hashes
 from core.orbits import departure_state
+from core.problem import Problem
+from core.tolerances import STRICT, violation
 from service.benchmark.benchmark_set import (
     CERTIFICATE_FILE,
     CONSTANTS,
@@ -17,14 +19,15 @@ from service.benchmark.benchmark_set import (
     BenchmarkError,
     BenchmarkSet,
     Case,
-    read_text,
     sha256,
 )
-from service.benchmark.certificate import certified, differences
+from service.benchmark.certificate import differences, largest_miss_km, read_certificate
 from service.benchmark.states_file import jumps
 from service.benchmark.vector_file import read_vector
 from service.check import Check
 from service.solutions.solution_hash import solution_hash
+from workers.certificate import CertificateContent
+from workers.certifier import certificate_of
 
 #: What the propellant of a table may be rounded by [kg].
 PROPELLANT_KG = 1e-6
@@ -53,24 +56,29 @@ def _check_case(case: Case) -> Iterator[Check]:
         yield _same(f"{case.name} problem", case.problem_hash, problem.hash)
         x = read_vector(case.folder / VECTOR_FILE, problem)
         yield _same(f"{case.name} solution", case.solution, solution_hash(problem.hash, x))
-        found = certified(problem, x, case.solution)
+        found = certificate_of(case.solution, problem, x).content
         yield _flight(case, found)
-        stated = _json(case.folder / CERTIFICATE_FILE)
+        stated = read_certificate(case.folder / CERTIFICATE_FILE)
         yield _made(f"{case.name} certificate", differences(stated, found), "says what this flight finds")
-        yield _propellant(case, problem_mass(problem) - found["final_mass_kg"][0])
+        yield _propellant(case, problem_mass(problem) - found.trajectories[0].mass.stated_arrival)
         yield _states(case, problem)
     except BenchmarkError as error:
         yield _made(case.name, [str(error)], "")
 
 
-def problem_mass(problem: Any) -> float:
+def problem_mass(problem: Problem) -> float:
     """Return the mass at departure [kg]."""
     return float(departure_state(problem.departure, problem.spacecraft).mass_kg)
 
 
-def _flight(case: Case, found: dict[str, Any]) -> Check:
-    told = f"worst defect {100 * found['violation']:.1f} % of the tolerance, {found['integrator']}"
-    return _made(f"{case.name} flight", [] if found["strict"] else [found["failure"] or told], told)
+def _flight(case: Case, found: CertificateContent) -> Check:
+    defects = np.array([flown.defect for flown in found.trajectories], dtype=np.float64)
+    told = (
+        f"worst defect {100 * violation(defects, STRICT):.1f} % of the tolerance, arrives within "
+        f"{largest_miss_km(found):.3g} km uncorrected, {found.integrator.name}"
+    )
+    is_good = found.level == "strict" and found.is_sound
+    return _made(f"{case.name} flight", [] if is_good else [found.failure, *found.marks, told], told)
 
 
 def _propellant(case: Case, propellant_kg: float) -> Check:
@@ -79,7 +87,7 @@ def _propellant(case: Case, propellant_kg: float) -> Check:
     return _made(f"{case.name} propellant", [f"{told}, {case.propellant_kg} stated"] if is_off else [], told)
 
 
-def _states(case: Case, problem: Any) -> Check:
+def _states(case: Case, problem: Problem) -> Check:
     found = jumps(case.folder / STATES_FILE, problem)
     told = f"{found.n_arcs} arcs end within {1e3 * found.position_km:.0f} m, {found.velocity_km_s:.0e} km/s"
     return _made(f"{case.name} states", [] if found.hold else [told], told)
@@ -100,15 +108,8 @@ def _same(name: str, stated: Any, found: Any) -> Check:
 def _made(name: str, faults: list[str], found: str) -> Check:
     advice = "fetch the set again, or report what differs" if faults else ""
     return Check(
-        name=name, state="failed" if faults else "ok", found="; ".join(faults) or found, advice=advice
+        name=name,
+        state="failed" if faults else "ok",
+        found="; ".join(filter(None, faults)) or found,
+        advice=advice,
     )
-
-
-def _json(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(read_text(path))
-    except ValueError as error:
-        raise BenchmarkError(f"{path}: expected JSON, got {error}") from error
-    if not isinstance(content, dict):
-        raise BenchmarkError(f"{path}: expected an object, got {type(content).__name__}")
-    return content

@@ -2,9 +2,10 @@
 
 from pathlib import Path
 
+from core.analysis.verify import verify
+from core.tolerances import STRICT, violation
 from service.api.schemas import Answer
 from service.benchmark.benchmark_set import Case
-from service.benchmark.certificate import certified
 from service.benchmark.check import problem_mass
 from service.benchmark.vector_file import read_vector
 from service.solutions.solution_hash import solution_hash
@@ -32,14 +33,14 @@ def judge(case: Case, path: Path) -> Judgement:
     problem = case.problem()
     x = read_vector(path, problem)
     solution = solution_hash(problem.hash, x)
-    found = certified(problem, x, solution)
-    propellant = problem_mass(problem) - found["final_mass_kg"][0]
+    found = verify(problem, x)
+    propellant = problem_mass(problem) - float(found.final_mass_kg[0])
     return Judgement(
         case=case.name,
         solution=solution,
-        is_strict=found["strict"],
-        failure=found["failure"],
-        violation=found["violation"],
+        is_strict=found.strict,
+        failure=found.failure,
+        violation=violation(found.defects, STRICT),
         propellant_kg=propellant,
         best_known_kg=case.propellant_kg,
         excess_kg=propellant - case.propellant_kg,

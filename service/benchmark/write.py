@@ -1,6 +1,5 @@
 """A set written from solutions: the same solutions give the same files, to the last digit."""
 
-import json
 import shutil
 from pathlib import Path
 from typing import Any
@@ -28,12 +27,13 @@ from service.benchmark.benchmark_set import (
     read_set,
     sha256,
 )
-from service.benchmark.certificate import certified
 from service.benchmark.check import problem_mass
 from service.benchmark.states_file import SAMPLES_PER_RADIAN
 from service.solutions.solution_hash import solution_hash
 from service.spec.toml_text import toml_text
 from workers.bench_seeds import Solution
+from workers.certificate import CertificateFile
+from workers.certifier import certificate_of
 
 
 def write_set(folder: Path, solutions: list[Solution], date: str) -> BenchmarkSet:
@@ -67,8 +67,8 @@ def _write_case(folder: Path, solution: Solution, naif_id: int) -> dict[str, Any
     problem = problem_from(fields | {"target": fields["target"] | {"path": str(folder / TARGET_FILE)}})
     x = np.array(solution.x)
     own = solution_hash(problem.hash, x)
-    certificate = certified(problem, x, own)
-    if not certificate["strict"]:
+    made = certificate_of(own, problem, x)
+    if made.content.level != "strict" or not made.content.is_sound:
         raise BenchmarkError(f"solutions: expected strict ones, got one of P_{problem.k} that is not")
     (folder / name).mkdir()
     states = export_states(problem, x, SAMPLES_PER_RADIAN)
@@ -76,7 +76,11 @@ def _write_case(folder: Path, solution: Solution, naif_id: int) -> dict[str, Any
         PROBLEM_FILE: [toml_text({"problem": fields})],
         VECTOR_FILE: vector_lines(own, problem, x),
         STATES_FILE: csv_lines(states, (f"solution {own} of problem {problem.hash}",)),
-        CERTIFICATE_FILE: [json.dumps(certificate, indent=1) + "\n"],
+        # When and where it was made would differ from one writing to the next.
+        CERTIFICATE_FILE: [
+            CertificateFile(content=made.content, hash=made.hash).model_dump_json(indent=1),
+            "\n",
+        ],
     }
     for file, lines in texts.items():
         (folder / name / file).write_text("".join(lines), encoding="utf-8")
@@ -84,6 +88,6 @@ def _write_case(folder: Path, solution: Solution, naif_id: int) -> dict[str, Any
         "name": name,
         "problem": problem.hash,
         "solution": own,
-        "propellant_kg": problem_mass(problem) - certificate["final_mass_kg"][0],
+        "propellant_kg": problem_mass(problem) - made.content.trajectories[0].mass.stated_arrival,
         "sha256": {file: sha256(folder / name / file) for file in texts},
     }

@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.problem import load_problem
+from core.problem import content_hash, load_problem
 from service import cli
 from service.benchmark.benchmark_set import FOLDER, BenchmarkError, read_set, sha256
+from service.benchmark.certificate import read_certificate
 from service.benchmark.states_file import jumps
 from service.benchmark.vector_file import read_vector
 from service.benchmark.write import write_set
@@ -78,9 +79,10 @@ def test_the_files_of_a_case_are_those_of_the_table_and_of_each_other(k):
     assert problem.k == k and problem.hash == case.problem_hash
     x = read_vector(case.folder / "vector.csv", problem)
     assert solution_hash(problem.hash, x) == case.solution
-    certificate = json.loads((case.folder / "certificate.json").read_text(encoding="utf-8"))
-    assert certificate["strict"] and certificate["solution"] == case.solution
-    assert len(certificate["final_mass_kg"]) == 1 + k and certificate["final_mass_kg"][0] == x[153]
+    certificate = read_certificate(case.folder / "certificate.json")
+    assert certificate.level == "strict" and certificate.is_sound and certificate.solution_id == case.solution
+    masses = [flown.mass.stated_arrival for flown in certificate.trajectories]
+    assert len(masses) == 1 + k and masses[0] == x[153]
 
 
 def test_the_cases_are_nested_and_more_outages_never_cost_less():
@@ -130,9 +132,9 @@ def test_a_vector_that_no_longer_flies_is_found_by_flying_it(coastarc, copied):
 
 def test_each_file_that_contradicts_the_flight_is_found_by_itself(coastarc, copied):
     def heavier(text):
-        content = json.loads(text)
-        content["final_mass_kg"][0] += 1e-3
-        return json.dumps(content)
+        content = json.loads(text)["content"]
+        content["trajectories"][0]["mass"]["stated_arrival"] += 1e-3
+        return json.dumps({"content": content, "hash": content_hash(content)})
 
     def moved(text):
         lines = text.splitlines()
@@ -160,6 +162,20 @@ def test_states_that_cannot_be_flown_are_refused_by_the_name_of_their_file(copie
     path.write_text("\n".join(lines), encoding="utf-8")
     with pytest.raises(BenchmarkError, match=rf"states.csv: expected arcs .*{said}"):
         jumps(path, case.problem())
+
+
+def test_a_certificate_with_another_hash_or_form_is_refused(copied):
+    path = copied / "k0" / "certificate.json"
+    text = path.read_text(encoding="utf-8")
+    for changed, said in (
+        (text.replace('"strict"', '"paper"', 1), "expected the hash of its content"),
+        (text.replace('"k": 0', '"k": "none"', 1), "k: expected an integer"),
+        ("[]", "expected"),
+    ):
+        assert changed != text
+        path.write_text(changed, encoding="utf-8")
+        with pytest.raises(BenchmarkError, match=said):
+            read_certificate(path)
 
 
 def test_other_constants_and_another_target_are_found(coastarc, copied):
