@@ -28,6 +28,7 @@ from service.bench.probe import campaign
 from service.spec import spec_from
 from tests.browser.conftest import CHROMIUM, FLAGS
 from workers.job import WorkerInfo
+from workers.provenance import code_version
 
 PAGES = {
     "campaigns": "/",
@@ -100,7 +101,7 @@ def load(told, rate_per_s):
     """Have simulated workers hand in so many outcomes a second."""
     info = WorkerInfo(
         name="simulated", host="localhost", executor="inline", slots=1,
-        code_version="0+simulated", python_version=platform.python_version(),
+        code_version=code_version(), python_version=platform.python_version(),
     )  # fmt: skip
     context = multiprocessing.get_context("spawn")
     n_done, stop, results = context.Value("q", 0), context.Event(), context.Queue()
