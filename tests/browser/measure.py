@@ -38,7 +38,7 @@ PAGES = {
     "workers": "/workers",
 }
 VISITS = 3
-#: A page that is later than this has stopped [s].
+#: A page or a simulated worker that is later than this has stopped [s].
 LONGEST_S = 30.0
 SENT = (
     "performance.getEntriesByType('navigation').concat(performance.getEntriesByType('resource'))"
@@ -131,7 +131,12 @@ def growth(browser, told, minutes, rate_per_s):
     tools = page.context.new_cdp_session(page)
     samples, before = [], page.evaluate(SOLVES)
     with load(told, rate_per_s) as n_done:
+        began = time.monotonic()
         while not n_done.value:
+            if time.monotonic() > began + LONGEST_S:
+                raise SystemExit(
+                    f"expected an outcome of the simulated workers within {LONGEST_S:.0f} s, got none"
+                )
             page.wait_for_timeout(100)
         began = time.monotonic()
         for share in np.linspace(0.0, 1.0, 13):
