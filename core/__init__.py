@@ -45,3 +45,8 @@ def __getattr__(name: str) -> Any:
             if name in found:
                 return found[name]
     raise AttributeError(f"module 'core' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    # The reference of docs/ and completion at a prompt list what has not been asked for yet, too.
+    return [*globals(), *__all__]
