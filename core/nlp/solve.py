@@ -10,6 +10,7 @@ from core.nlp.optimum import failure, optimize
 from core.nlp.outcome import ExitStatus, Outcome, SolveSettings
 from core.nlp.phases import is_solved, reach, starts
 from core.nlp.robust import Deepen, Robust
+from core.nlp.threads import one_thread
 from core.nlp.thrust_vectors import ThrustVectors
 from core.tolerances import violation
 from core.transcription import Guess, Transcription, checked_vector
@@ -32,7 +33,8 @@ def solve(
     """Solve P_k from a guess.
 
     The reference is closed and optimized on its own, then each realization is closed against it; those that
-    do not close move the reference, and are optimized together with it.
+    do not close move the reference, and are optimized together with it.  Meanwhile the numerical libraries of
+    the process run one thread.
 
     Parameters
     ----------
@@ -63,12 +65,13 @@ def solve(
     docs/method.md, section 7.
     """
     limits = limits_of(transcription, settings or SolveSettings(), stop)
-    robust = _taken_apart(transcription, guess, limits, deepen)
-    status = _start(robust)
-    if robust.is_started:
-        status = _realize(robust, status)
-    robust.finish()
-    return outcome_of(transcription, robust.x, status, limits)
+    with one_thread():
+        robust = _taken_apart(transcription, guess, limits, deepen)
+        status = _start(robust)
+        if robust.is_started:
+            status = _realize(robust, status)
+        robust.finish()
+        return outcome_of(transcription, robust.x, status, limits)
 
 
 def limits_of(transcription: Transcription, settings: SolveSettings, stop: Stop) -> Limits:

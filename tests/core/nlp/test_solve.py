@@ -4,6 +4,7 @@ import resource
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from core.analysis.stationarity import stationarity
 from core.analysis.verify import verify
@@ -50,6 +51,17 @@ def test_a_guess_drawn_from_the_box_becomes_an_optimum(flown):
     assert best is not None and verify(PRESET, best.x).strict
     assert stationarity(flown, best.x).is_optimal
     assert 12398.0 < best.objective < 13276.1  # 90 days of full thrust burn 878 kg
+
+
+def test_a_solve_runs_one_thread_whatever_its_process_does(flown):
+    seen = set()
+
+    def threads():
+        return {library["num_threads"] for library in threadpool_info()}
+
+    with threadpool_limits(2):
+        solve(flown, near(flown, 1), stop=lambda: seen.update(threads()))
+        assert seen == {1} and 2 in threads()
 
 
 def test_the_outcome_says_what_its_vector_is_worth(flown, solved):
