@@ -9,6 +9,7 @@ from service.cli.export import export_command
 from service.cli.options import DATA, Data, Json, console, print_json, show
 from service.cli.refine import refine_command
 from service.cli.reproduce import reproduce_command
+from service.cli.terminal_record import print_record
 from service.cli.terminal_verify import print_certificate
 from service.cli.verify import verify_command
 from service.store import Store
@@ -71,7 +72,7 @@ def show_solution(
         shown = certificate and certificate.model_dump(mode="json")
         print_json(record.model_dump(mode="json") | {"certificate": shown})
     else:
-        terminal.print_record(console, record)
+        print_record(console, record)
         print_certificate(console, certificate)
 
 

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 
 from rich import box
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
@@ -171,14 +170,6 @@ def solution_list(records: Sequence[Record]) -> Table:
             (record.seed_id or "-")[:8],
         )
     return rows
-
-
-def print_record(console: Console, record: Record) -> None:
-    """Print every field of a solution but its vector."""
-    for name, value in record.model_dump(
-        mode="json", exclude={"x", "verification", "certificate_hash"}
-    ).items():
-        console.print(Text.assemble((name, "bold"), f": {value}"), soft_wrap=True)
 
 
 def _shown(value: float | None, digits: int) -> str:

@@ -130,7 +130,12 @@ def test_tables_for_people(coastarc, spec_file, tmp_path):
     assert f"`coastarc solutions list --data {tmp_path}`" in printed
     lines = coastarc("solutions", "list")[1].splitlines()
     assert lines[1].split()[:4] == ["id", "search", "k", "kg"]
-    assert {line.split()[1:3][1] for line in lines if " s1-0 " in line} == {"1"}
+    robust = [line.split() for line in lines if " s1-0 " in line]
+    assert {k for _, _, k, *_ in robust} == {"1"}
+    shown = coastarc("solutions", "show", robust[0][0])[1]
+    assert "d at segment" in shown and ", mapped by " in shown
+    # Solved and verified norms [km, km/s, kg] of each trajectory.
+    assert re.search(r"reference +(\d\.\de[-+]\d\d +){6}\n realization 1 +(\d\.\de[-+]\d\d +){6}\n", shown)
     assert "done" in coastarc("status")[1] and "s1-0" in coastarc("status", "--campaign", 1)[1]
     assert json.loads(coastarc("status", "--json")[1])["campaigns"][0]["state"] == "done"
 
