@@ -20,6 +20,8 @@ WALL_MARGIN_S = 60.0
 #: ... and, before the process of a job that cannot even look at a clock is killed, once more time to compile
 #: and to verify [s].
 HANG_MARGIN_S = 300.0
+#: Longest error of an outcome.
+LONGEST_ERROR = 100_000
 
 
 class Ending(StrEnum):
@@ -202,7 +204,7 @@ class JobOutcome(Message):
     solves: tuple[SolveRecord, ...] = ()
     provenance: Provenance | None = None
     #: A traceback for `error`, the last words of the process for `crash`.
-    error: Annotated[str, Field(max_length=100_000)] | None = None
+    error: Annotated[str, Field(max_length=LONGEST_ERROR)] | None = None
 
 
 class Claim(Message):

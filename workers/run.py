@@ -23,6 +23,7 @@ from core.transcription import TOLERANCE, Transcription
 from workers.certify import certificate, trajectory
 from workers.job import (
     KIND_NUMBERS,
+    LONGEST_ERROR,
     WALL_FACTOR,
     WALL_MARGIN_S,
     Ending,
@@ -58,7 +59,8 @@ def run_job(job: Job, stop: Stop = lambda: False) -> JobOutcome:
             for record in _solves(job, stop):
                 solves.append(record)
     except Exception:
-        return _outcome(Ending.ERROR, solves, traceback.format_exc())
+        # Its end says what went wrong.
+        return _outcome(Ending.ERROR, solves, traceback.format_exc()[-LONGEST_ERROR:])
     is_complete = len(solves) == (job.n_hops if isinstance(job, HopJob) else 1)
     return _outcome(summary_ending(solves) if is_complete else Ending.CANCELLED, solves)
 

@@ -111,6 +111,12 @@ def test_a_bug_of_ours_is_an_error_with_a_traceback_and_keeps_what_was_done(monk
     assert found.error.splitlines()[-1] == "ZeroDivisionError: oh" and "run.py" in found.error
 
 
+def test_of_a_very_long_error_the_end_is_kept(monkeypatch):
+    Numerics(monkeypatch, [ValueError("x" * 200_000 + " and so on")])
+    found = run.run_job(hop_job())
+    assert found.ending is Ending.ERROR and found.error.endswith("x and so on\n")
+
+
 def test_a_solve_that_was_stopped_is_no_guess(monkeypatch):
     numerics = Numerics(monkeypatch, [STALLED, STALLED, STALLED])
     found = run.run_job(hop_job(n_hops=3), stop=lambda: len(numerics.settings) == 2)
