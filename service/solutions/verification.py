@@ -2,13 +2,14 @@
 
 Every certificate is stored as soon as it is made, so an interruption loses nothing but the flights under way.
 
-    VerificationError(ValueError)   a wish for solutions that cannot be met
+    VerificationError(ValueError)   a wish for solutions that cannot be met, or a process that was killed
 """
 
 import multiprocessing
 import signal
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from importlib.util import find_spec
 from itertools import islice
@@ -28,7 +29,7 @@ AHEAD = 2
 
 
 class VerificationError(UserError, ValueError):
-    """A wish for solutions that cannot be met."""
+    """A wish for solutions that cannot be met, or a process that was killed over it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,9 +180,19 @@ def _certified(
             if not flying:
                 return
             for future in wait(flying, return_when=FIRST_COMPLETED).done:
-                yield flying.pop(future), future.result()
+                yield flying.pop(future), _flown(future)
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _flown(future: Future[CertificateDocument | str]) -> CertificateDocument | str:
+    try:
+        return future.result()
+    except BrokenProcessPool as error:
+        raise VerificationError(
+            "verification: expected its processes to stay alive, got one that was killed, for lack of memory "
+            "perhaps; what was done is kept, and --stale goes on with the rest"
+        ) from error
 
 
 def _leave_signals_to_parent() -> None:

@@ -1,7 +1,9 @@
 """`coastarc solutions verify` on real solutions, flown by SciPy and SPICE."""
 
 import json
+import os
 import shutil
+import signal
 import sys
 from importlib.util import find_spec
 
@@ -119,6 +121,17 @@ def test_an_interruption_keeps_what_was_done(coastarc, monkeypatch):
     monkeypatch.setattr(cli_verify, "verify_solutions", interrupted)
     code, said, _ = coastarc("solutions", "verify", "--all", "--workers", 1)
     assert code == 130 and "1 verified, 0 failed" in said and "--stale goes on with the rest" in said
+
+
+def die(*_):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_a_process_that_is_killed_over_a_flight_is_one_line(coastarc, monkeypatch):
+    monkeypatch.setattr(verification, "_certify", die)
+    code, _, said = coastarc("solutions", "verify", "--all", "--workers", 2)
+    assert code == 2 and "got one that was killed" in said and "--stale goes on" in said
+    assert len(said.strip().splitlines()) == 1
 
 
 def test_a_certificate_is_shown_with_its_solution(coastarc, verified):
