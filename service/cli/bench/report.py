@@ -3,6 +3,7 @@
 import json
 import time
 from collections.abc import Callable
+from importlib.resources import files
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any
@@ -17,19 +18,19 @@ from service.db.place import URL_VARIABLE, place_of
 from service.spec import load_spec
 from service.store import Store
 
-SPEC = Path("examples/paper.toml")
-
 
 def report(
     outcomes: Annotated[int, typer.Option(min=100, max=10_000_000, help="Solves in the archive.")] = 100_000,
-    spec: Annotated[Path, typer.Option(help="Specification whose searches share them.")] = SPEC,
+    spec: Annotated[
+        Path | None, typer.Option(help="Specification whose searches share them; without it the paper's.")
+    ] = None,
     rng_seed: Annotated[int, typer.Option(min=0, help="Fixes the archive.")] = 1,
     as_json: Json = False,
 ) -> None:
     """Time reading the facts of a made-up archive, and writing its report."""
     from service.report import write_report
 
-    specification = load_spec(spec)
+    specification = load_spec(spec or Path(str(files("service.spec") / "templates" / "paper.toml")))
     with TemporaryDirectory() as place:
         folder = Path(place)
         if not isinstance(place_of(folder), Path):
