@@ -16,6 +16,16 @@ export function number(value, digits, unit = "") {
 }
 
 /**
+ * Return a number of things with the word for one or for many.
+ * @param {number} n
+ * @param {string} one
+ * @param {string} [many] where an "s" at its end does not do
+ */
+export function counted(n, one, many = `${one}s`) {
+  return `${number(n, 0)} ${n === 1 ? one : many}`;
+}
+
+/**
  * Two significant digits, as a power of ten where that is shorter.
  * @param {number | null | undefined} value
  * @param {string} [unit]

@@ -1,7 +1,7 @@
 // @ts-check
 /** How the solves of a search went: violation, delta-v, step sizes and time. */
 
-import { number, small } from "./format.js";
+import { counted, small } from "./format.js";
 import { Figure } from "./figure.js";
 import { colourOf, isFeasible } from "./hop_shapes.js";
 import { OUTCOMES } from "./outcomes.js";
@@ -44,7 +44,7 @@ export class ViolationFigure extends Figure {
     if (hops > 1) traces.push(lines(finite, (solve) => at.get(solve.id) ?? 0, value), middle(finite, value));
     traces.push(...marks(finite, (solve) => at.get(solve.id) ?? 0, value, "violation %{y:.2g}"));
     const lost = solves.length - finite.length;
-    const words = lost ? `${number(lost, 0)} ${lost === 1 ? "solve" : "solves"} whose violation was not finite ${lost === 1 ? "is" : "are"} left out. ` : "";
+    const words = lost ? `${counted(lost, "solve")} whose violation was not finite ${lost === 1 ? "is" : "are"} left out. ` : "";
     return this.show(
       traces,
       {

@@ -2,7 +2,7 @@
 /** Distinct solutions: each with how often it was found again, and how far apart those are. */
 
 import { byId, el, fill } from "../dom.js";
-import { number, shortId } from "../format.js";
+import { counted, number, shortId } from "../format.js";
 import { compareStrategies, lookOf } from "../strategies.js";
 import { Table } from "../table.js";
 
@@ -30,10 +30,10 @@ export class Clusters {
   /** @param {any} page as `GET /solutions/clusters` gives it */
   show(page) {
     this.table.show(page.items);
-    const among = page.n_compared < page.n ? `the ${number(page.n_compared, 0)} with the least Δv of ${number(page.n, 0)}` : number(page.n, 0);
+    const among = page.n_compared < page.n ? `the ${number(page.n_compared, 0)} with the least Δv of ${counted(page.n, "solution")}` : counted(page.n, "solution");
     const listed = page.items.length < page.n_clusters ? `; the best ${page.items.length} are listed` : "";
     byId("clusters-caption").textContent =
-      `${number(page.n_clusters, 0)} distinct references among ${among} solutions${listed}. ` +
+      `${counted(page.n_clusters, "distinct reference")} among ${among}${listed}. ` +
       "Spread: mean and greatest distance from the best one, where 0.05 is one segment of fifty throttled by a third more.";
     byId("clusters-card").dataset.clusters = String(page.n_clusters);
   }

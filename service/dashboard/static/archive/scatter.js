@@ -9,6 +9,9 @@ import { colour } from "../theme.js";
 
 /** @typedef {import("./axes.js").Points} Points */
 
+/** Part of a value that an axis shows on both sides of it, where there is no other. */
+const MARGIN = 0.1;
+
 export class Scatter {
   /** @param {HTMLElement} place */
   constructor(place) {
@@ -27,7 +30,7 @@ export class Scatter {
       const mine = places.filter((i) => points.strategies[points.strategy[i]] === name);
       return mine.length ? [trace(points, mine, name)] : [];
     });
-    await this.figure.show([...traces, front(points, places)], layout(), `${caption} The line joins those that none beats in both. A click opens a solution.`);
+    await this.figure.show([...traces, front(points, places)], layout(points, places), `${caption} The line joins those that none beats in both. A click opens a solution.`);
     this.figure.plot.dataset.points = String(places.length);
     this.listen();
   }
@@ -87,11 +90,25 @@ function front(points, places) {
   };
 }
 
-function layout() {
+/**
+ * @param {Points} points
+ * @param {number[]} places
+ */
+function layout(points, places) {
+  const rangeOf = (/** @type {number[]} */ values) => around(places.map((i) => values[i]));
   return {
     showlegend: true,
     hovermode: "closest",
-    xaxis: axis("time of flight [d]"),
-    yaxis: axis("Δv of the transfer [km/s]"),
+    xaxis: axis("time of flight [d]", rangeOf(points.time_of_flight_days)),
+    yaxis: axis("Δv of the transfer [km/s]", rangeOf(points.delta_v_km_s)),
   };
+}
+
+/**
+ * Return the range of an axis for values that are all the same: left alone it would reach below zero.
+ * @param {number[]} values
+ */
+function around(values) {
+  const same = values.every((value) => value === values[0]);
+  return same ? { range: [(1 - MARGIN) * values[0], (1 + MARGIN) * values[0]] } : {};
 }

@@ -10,7 +10,7 @@ import { Listing } from "../archive/listing.js";
 import { Parallel } from "../archive/parallel.js";
 import { Scatter } from "../archive/scatter.js";
 import { byId, el, fill } from "../dom.js";
-import { number } from "../format.js";
+import { counted, number } from "../format.js";
 import { Page, showEmpty, showFacts } from "../page.js";
 
 /**
@@ -100,7 +100,7 @@ function show(filter, n) {
     el("p", {}, "Widen a range, choose another strategy, or look at all there are."),
     el("button", { type: "button", class: "primary", onclick: () => filters.clear() }, "Clear all filters"),
   );
-  byId("count").textContent = n === 1 ? "1 solution" : `${number(n, 0)} solutions`;
+  byId("count").textContent = counted(n, "solution");
   showFacts(n ? facts(n) : []);
 }
 

@@ -4,7 +4,7 @@
 import { find, get } from "../api.js";
 import { ChanceFigures } from "../chances.js";
 import { byId, el, fill } from "../dom.js";
-import { number, outages, shortId } from "../format.js";
+import { counted, number, outages, shortId } from "../format.js";
 import { OutageFigure } from "../outage_line.js";
 import { Page, facts, pathPart, showEmpty, showFacts, showTitle } from "../page.js";
 import { boundFacts, departureFacts, spacecraftFacts, targetFacts } from "../problem_words.js";
@@ -65,7 +65,7 @@ function unknown() {
 
 function showProblem() {
   const { definition } = problem;
-  const words = problem.k === 0 ? "Reference problem" : `Problem with ${problem.k} ${problem.k === 1 ? "outage" : "outages"}`;
+  const words = problem.k === 0 ? "Reference problem" : `Problem with ${counted(problem.k, "outage")}`;
   showTitle(words, [["Archive", "/archive"]]);
   fill(byId("hash"), el("code", { title: hash }, shortId(hash)));
   showSizes();

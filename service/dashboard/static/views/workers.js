@@ -5,7 +5,7 @@ import { get, post } from "../api.js";
 import { Attempts } from "../attempts.js";
 import { confirm } from "../dialog.js";
 import { byId, el, fill } from "../dom.js";
-import { duration, NONE, number } from "../format.js";
+import { counted, duration, NONE, number } from "../format.js";
 import { Gantt } from "../gantt.js";
 import { JobTable } from "../job_table.js";
 import { Page, parameter, setParameters, showFacts } from "../page.js";
@@ -142,7 +142,7 @@ function invitation() {
   const needsToken = who !== null && who.name !== "loopback";
   return [
     el("h2", {}, "No worker is connected"),
-    el("p", {}, waits ? `${number(waits, 0)} ${waits === 1 ? "job waits" : "jobs wait"} for one. Start it here or on another machine:` : "Nothing can be worked on. Start a worker here or on another machine:"),
+    el("p", {}, waits ? `${counted(waits, "job waits", "jobs wait")} for one. Start it here or on another machine:` : "Nothing can be worked on. Start a worker here or on another machine:"),
     el("pre", {}, needsToken ? `${command} --token-file worker.token` : command),
     ...(needsToken
       ? [el("p", {}, "This coordinator asks for a token of the role worker. An administrator makes one:"), el("pre", {}, `coastarc token create my-worker --role worker --out worker.token --url ${window.location.origin}`)]
@@ -184,8 +184,7 @@ function tabs(place, entries, current, press) {
 
 /** @param {QueueItem} item */
 function askRequeueAll(item) {
-  const n = number(item.jobs.dead, 0);
-  const words = [el("p", {}, `${n} dead ${item.jobs.dead === 1 ? "job gets" : "jobs get"} another attempt with a clean record; searches that were done open again for them.`)];
+  const words = [el("p", {}, `${counted(item.jobs.dead, "dead job gets", "dead jobs get")} another attempt with a clean record; searches that were done open again for them.`)];
   confirm(`Requeue all dead jobs of “${item.name}”?`, words, "Requeue them", async () => {
     await post(`/campaigns/${item.campaign_id}/requeue`);
     await page.reload();
