@@ -11,8 +11,21 @@ const SUPERSCRIPTS = "⁰¹²³⁴⁵⁶⁷⁸⁹";
  */
 export function number(value, digits, unit = "") {
   if (value === null || value === undefined || !Number.isFinite(value)) return NONE;
-  const text = value.toLocaleString("en-GB", { minimumFractionDigits: digits, maximumFractionDigits: digits });
+  const text = formatOf(digits).format(value);
   return unit ? `${text.replaceAll(",", "\u202f")}\u00a0${unit}` : text.replaceAll(",", "\u202f");
+}
+
+/** @type {Map<number, Intl.NumberFormat>} */
+const formats = new Map();
+
+/**
+ * Return what writes numbers: making it anew for each of thousands takes as long as drawing them.
+ * @param {number} digits after the point
+ */
+function formatOf(digits) {
+  const known = formats.get(digits) ?? new Intl.NumberFormat("en-GB", { minimumFractionDigits: digits, maximumFractionDigits: digits });
+  formats.set(digits, known);
+  return known;
 }
 
 /**

@@ -16,6 +16,7 @@ export function theme() {
 export function watchTheme(onChange) {
   const apply = () => {
     document.documentElement.dataset.theme = theme();
+    colours.clear();
     byId("theme").setAttribute("aria-label", `Use the ${other()} theme`);
     onChange();
   };
@@ -31,10 +32,15 @@ function other() {
   return theme() === "light" ? "dark" : "light";
 }
 
+/** @type {Map<string, string>} colours of the theme, as far as they were asked for: pictures ask thousands of times */
+const colours = new Map();
+
 /**
  * Return a colour of the style sheet.
  * @param {string} name
  */
 export function colour(name) {
-  return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+  const known = colours.get(name) ?? getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+  colours.set(name, known);
+  return known;
 }

@@ -45,14 +45,17 @@ async function refresh(events, isAll) {
   if (!isAll && !events.some(({ kind }) => kind === "solution" || kind === "campaign")) return;
   const mine = ++turn;
   const filter = filterOfAddress();
+  const isDue = isAll || performance.now() - slowAt > SLOW_MS || (seen && seen.all.n === seen.all.id.length);
+  // Asked for with the list, and shown after it.
+  const asked = isDue ? points(withoutRanges(filter)) : null;
+  asked?.catch(() => {});
   const [choices, list] = await Promise.all([get("/solutions/choices", { campaign: filter.campaign }), listing.load(filter)]);
   // Another filter was chosen meanwhile.
   if (mine !== turn) return;
   filters.show(choices);
   choice.show();
   list();
-  const isDue = isAll || performance.now() - slowAt > SLOW_MS || (seen && seen.all.n === seen.all.id.length);
-  if (isDue) await refreshPictures(filter, mine);
+  if (asked) await refreshPictures(filter, mine, asked);
   else later();
 }
 
@@ -67,14 +70,15 @@ let pending;
 /**
  * @param {import("../api.js").Query} filter
  * @param {number} mine
+ * @param {Promise<Points>} asked
  */
-async function refreshPictures(filter, mine) {
+async function refreshPictures(filter, mine, asked) {
   slowAt = performance.now();
   const ranges = rangesOf(filter);
-  const all = await get("/solutions/points", { ...withoutRanges(filter), most: MOST_DRAWN });
+  const all = await asked;
   const isSample = all.n > all.id.length;
   // Within the ranges there are more points than the sample of all holds.
-  const chosen = isSample && ranges.size ? await get("/solutions/points", { ...filter, most: MOST_DRAWN }) : all;
+  const chosen = isSample && ranges.size ? await points(filter) : all;
   if (mine !== turn) return;
   const places = within(chosen, ranges);
   seen = { all, chosen, ranges, places };
@@ -82,6 +86,14 @@ async function refreshPictures(filter, mine) {
   // Clusters take as long as all the rest: the pictures do not wait for them.
   const [found] = await Promise.all([get("/solutions/clusters", { ...filter, threshold: distance() }), draw()]);
   if (mine === turn) clusters.show(found);
+}
+
+/**
+ * @param {import("../api.js").Query} filter
+ * @returns {Promise<Points>}
+ */
+function points(filter) {
+  return get("/solutions/points", { ...filter, most: MOST_DRAWN });
 }
 
 /**

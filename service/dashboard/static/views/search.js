@@ -57,15 +57,17 @@ page.start();
  */
 async function refresh(events, isAll) {
   if (!isAll && !events.some(({ kind, data }) => kind === "campaign" || data.search === name)) return;
-  if (isAll) maySteer = await steers();
+  // Not awaited yet: of a large search they come a while after all that is told of it in words.
+  const asked = solves.refresh(isAll);
+  asked.catch(() => {});
   try {
-    shown = /** @type {Detail} */ (await get(path));
+    [shown, maySteer] = await Promise.all([get(path), isAll ? steers() : maySteer]);
   } catch (error) {
     if (!(error instanceof ApiError) || ![404, 422].includes(error.status)) throw error;
     return missing(error.message);
   }
   showHead(shown);
-  await solves.refresh(isAll);
+  await asked;
   if (shown.n_solves === 0 && shown.state === "waiting") return waits(shown);
   showEmpty();
   redraw();
