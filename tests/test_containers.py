@@ -134,6 +134,13 @@ def test_every_setting_is_one_and_every_secret_comes_as_a_file_that_is_mounted()
         assert set(service.get("secrets", [])) <= set(COMPOSE["secrets"])
 
 
+def test_a_unit_of_systemd_keeps_what_is_compiled_where_it_may_write():
+    unit = (
+        (ROOT / "docs" / "deploy.md").read_text(encoding="utf-8").partition("```ini")[2].partition("```")[0]
+    )
+    assert "CacheDirectory=coastarc" in unit and "XDG_CACHE_HOME=/var/cache/coastarc" in unit
+
+
 def test_roles_of_ray_have_its_token_and_the_image_asks_for_it():
     (environment,) = instructions("ENV")
     assert (

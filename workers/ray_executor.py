@@ -216,7 +216,8 @@ def _imported(token: Path | None) -> Any:
         import ray
         import ray.util.scheduling_strategies
     except ImportError as error:
-        raise ExecutorError(f"ray: expected the package, got {error}; install coastarc[ray]") from error
+        remedy = "install it: pip install -c constraints.txt '.[ray]'"
+        raise ExecutorError(f"ray: expected the package, got {error}; {remedy}") from error
     return ray
 
 

@@ -40,7 +40,8 @@ def _engine(url: URL, options: str, **settings: Any) -> Engine:
         return create_engine(url, pool_pre_ping=True, **settings)
     except ModuleNotFoundError as error:
         raise DatabaseError(
-            "database: expected the package psycopg for PostgreSQL, got none; install coastarc[postgres]"
+            "database: expected the package psycopg for PostgreSQL, got none; "
+            "install it: pip install -c constraints.txt '.[postgres]'"
         ) from error
 
 

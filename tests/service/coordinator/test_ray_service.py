@@ -136,4 +136,4 @@ def test_without_ray_its_executor_says_what_to_install(tmp_path):
     environment = dict(os.environ) | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
     said = subprocess.run(command, env=environment, capture_output=True, text=True, cwd=ROOT, timeout=120)
     assert said.returncode == 2 and "Traceback" not in said.stderr
-    assert "ray: expected the package, got No module named 'ray'; install coastarc[ray]" in said.stderr
+    assert "ray: expected the package, got No module named 'ray'; install it: pip install" in said.stderr
