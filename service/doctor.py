@@ -72,10 +72,14 @@ def _numba_cache() -> Check:
 
     settings: Any = numba.config
     folder = Path(settings.CACHE_DIR)
-    folder.mkdir(parents=True, exist_ok=True)
-    if not os.access(folder, os.W_OK):
-        advice = "make it writable, or every start compiles for a minute"
-        return Check(name="numba cache", state="warning", found=f"{folder} is read-only", advice=advice)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        is_writable = os.access(folder, os.W_OK)
+    except OSError:
+        is_writable = False
+    if not is_writable:
+        advice = "make it writable, or set XDG_CACHE_HOME to a folder that is"
+        return Check(name="numba cache", state="failed", found=f"{folder} cannot be written", advice=advice)
     n_files = sum(1 for _ in folder.rglob("*.nbc"))
     advice = "" if n_files else "nothing to do: the first run compiles, which takes about a minute"
     return Check(name="numba cache", state="ok", found=f"{n_files} kernels in {folder}", advice=advice)

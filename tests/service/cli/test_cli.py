@@ -7,6 +7,7 @@ import sys
 import time
 
 import httpx
+import numba
 import pytest
 
 from service import cli, logs
@@ -242,6 +243,13 @@ def test_doctor_finds_a_working_installation(coastarc):
         "port",
     }
     assert checks["kernels"] == checks["solver"] == checks["threads"] == "ok"
+
+
+def test_doctor_says_what_to_do_about_a_cache_that_cannot_be_written(coastarc, spec_file, monkeypatch):
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(spec_file / "below-a-file"))
+    code, printed, _ = coastarc("doctor", "--port", 0, "--json")
+    (cache,) = [check for check in json.loads(printed) if check["name"] == "numba cache"]
+    assert code == 1 and cache["state"] == "failed" and "set XDG_CACHE_HOME" in cache["advice"]
 
 
 def test_an_interrupted_run_stops_cleanly_and_goes_on_to_the_same_end(tmp_path, spec_file):
