@@ -6,6 +6,7 @@ from fastapi import APIRouter, HTTPException, Query
 
 from service.api.context import CampaignWanted, Limit, SearchWanted, StoreHere
 from service.api.schemas import SeedPage
+from service.spec.search_spec import SeedOrder
 from service.store.seeds import SeedsWanted
 
 router = APIRouter(tags=["seeds"])
@@ -22,7 +23,6 @@ Outages = Annotated[
     ),
 ]
 SeedK = Annotated[int | None, Query(ge=0, le=2000, description="Outages of the seeds; any fewer if left out")]
-Order = Literal["address", "delta_v", "time_of_flight", "diversity"]
 Tolerance = Literal["strict", "paper"]
 Mapping = Annotated[
     list[Annotated[str, Query(max_length=400)]] | None,
@@ -38,7 +38,7 @@ def list_seeds(
     problem: ProblemWanted = None,
     outage: Outages = None,
     k: SeedK = None,
-    order: Order | None = None,
+    order: SeedOrder | None = None,
     limit: Limit | None = None,
     tolerance: Tolerance | None = None,
     mapping: Mapping = None,

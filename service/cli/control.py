@@ -23,6 +23,7 @@ from service.cli import terminal
 from service.cli.options import DATA, DEFAULT_URL, Data, Json, MaybeUrl, Url, client_of, console, print_json
 from service.client import Client, ClientError, Verb
 from service.scheduler.states import ENDED
+from service.spec.search_spec import SeedOrder
 from service.store import Store
 from service.store.seeds import SeedsWanted
 
@@ -210,7 +211,7 @@ def seeds(
     ] = None,
     k: Annotated[int | None, typer.Option(min=0, help="Number of outages that the seeds survive.")] = None,
     order: Annotated[
-        Literal["address", "delta_v", "time_of_flight", "diversity"] | None,
+        SeedOrder | None,
         typer.Option(help="Which seeds go first."),
     ] = None,
     limit: Annotated[int | None, typer.Option(min=1, max=200, help="At most so many seeds.")] = None,

@@ -78,6 +78,8 @@ Mappings = Annotated[
     Field(min_length=1, max_length=100),
     BeforeValidator(_listed_mappings),
 ]
+#: Which seeds go first.
+SeedOrder = Literal["address", "chain", "delta_v", "time_of_flight", "diversity"]
 
 
 class Seeds(Strict):
@@ -89,7 +91,7 @@ class Seeds(Strict):
     #: ... or the id of one solution of the archive, of which S(k|0) takes the reference alone.
     solution: Annotated[str, shaped("[0-9a-f]{32}", "32 hexadecimal digits, a whole id")] | None = None
     #: Least first, or each as far as possible from those before it.
-    order: Literal["address", "chain", "delta_v", "time_of_flight", "diversity"] | None = None
+    order: SeedOrder | None = None
     limit: Count | None = None
     #: Each seed for every case, for one case in turn, or for the cases that hold all its outages.
     pairing: Literal["every", "round-robin", "contained"] = "every"

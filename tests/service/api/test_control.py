@@ -2,9 +2,11 @@
 
 import json
 import platform
+from typing import get_args
 
 import pytest
 
+from service.spec.search_spec import SeedOrder
 from tests.service.campaigns import OUTAGE, spec_fields, submitted
 from tests.workers.fake import run_fake
 from workers.executor import Ticket
@@ -180,6 +182,12 @@ def test_seeds_of_a_search_are_those_that_it_has_planned(client, seeded):
     (item, *_) = seeds(client, campaign=1, search="s1-0", order="delta_v", limit=1)["items"]
     assert item["delta_v_km_s"] == s0.best_delta_v_km_s and item["mapping"] == "reference"
     assert item["outages"] == [OUTAGE] and item["seed_outages"] == []
+
+
+@pytest.mark.parametrize("order", get_args(SeedOrder))
+def test_seeds_come_in_every_order_that_a_search_may_ask_for(client, seeded, order):
+    asked = {"campaign": 1, "search": "s1-0", "order": order}
+    assert len(seeds(client, **asked)["items"]) == seeds(client, **asked)["n_candidates"] > 0
 
 
 def test_seeds_of_a_problem_come_from_the_whole_archive(client, seeded):
