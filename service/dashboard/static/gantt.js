@@ -82,7 +82,7 @@ export class Gantt {
  * @param {number} now
  * @returns {Group[]}
  */
-export function groupsOf(attempts, now) {
+function groupsOf(attempts, now) {
   /** @type {Map<string, { name: string, lanes: Attempt[][], ends: number[] }>} */
   const groups = new Map();
   const inTime = [...attempts].sort((a, b) => Date.parse(a.started_at) - Date.parse(b.started_at));

@@ -41,7 +41,7 @@ export function outcomeList(counts) {
 }
 
 /** @param {Record<Outcome, number>} counts */
-export function total(counts) {
+function total(counts) {
   return OUTCOMES.reduce((sum, { key }) => sum + counts[key], 0);
 }
 

@@ -144,7 +144,7 @@ function showConnection(connection, lastHeard) {
  * Say in the reader's words what the service refused.
  * @param {string} words
  */
-export function showFault(words) {
+function showFault(words) {
   const notice = byId("notice");
   notice.hidden = false;
   fill(notice, words);

@@ -11,7 +11,7 @@ const COLOURS = 7;
  * @param {string} strategy
  * @returns {{ k: number, seedK: number | null }}
  */
-export function partsOf(strategy) {
+function partsOf(strategy) {
   const found = /^S\((\d+)(?:\|(\d+))?\)$/.exec(strategy);
   if (!found) return { k: 0, seedK: null };
   return { k: Number(found[1]), seedK: found[2] === undefined ? null : Number(found[2]) };
@@ -21,7 +21,7 @@ export function partsOf(strategy) {
  * Return the place of a strategy among all that there can be, from 0: S(0), S(0|0), S(1), S(1|0), S(1|1), S(2), ...
  * @param {string} strategy
  */
-export function placeOf(strategy) {
+function placeOf(strategy) {
   const { k, seedK } = partsOf(strategy);
   return (k * (k + 3)) / 2 + (seedK === null ? 0 : 1 + seedK);
 }

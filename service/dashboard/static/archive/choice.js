@@ -21,7 +21,7 @@ export function idsOfAddress(name) {
  * Return the address of a comparison.
  * @param {string[]} ids
  */
-export function comparison(ids) {
+function comparison(ids) {
   return `/compare?ids=${ids.join(",")}`;
 }
 

@@ -1,7 +1,7 @@
 // @ts-check
 /** Distinct solutions: each with how often it was found again, and how far apart those are. */
 
-import { byId, el, fill } from "../dom.js";
+import { byId, el } from "../dom.js";
 import { counted, number, shortId } from "../format.js";
 import { compareStrategies, lookOf } from "../strategies.js";
 import { Table } from "../table.js";
