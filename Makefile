@@ -8,9 +8,10 @@ BIN := $(VENV)/bin
 run: $(VENV)/.installed
 	$(BIN)/coastarc run examples/quick.toml
 
-# Files of tests side by side, one more than there are processors, since many wait for processes of their own.
+# Files of tests side by side, one more than there are processors, since many wait for processes of their own; in
+# their own order, which has the longest in front and those with Ray at the end.
 test: $(VENV)/.installed-test
-	$(BIN)/python -m pytest -n $$(($$(getconf _NPROCESSORS_ONLN) + 1)) --maxprocesses 5 --dist loadfile
+	$(BIN)/python -m pytest -n $$(($$(getconf _NPROCESSORS_ONLN) + 1)) --maxprocesses 5 --dist loadfile --no-loadscope-reorder
 
 # The same solutions inline, on the process pool and on Ray, with the real solver: some twenty minutes.
 same: $(VENV)/.installed-test

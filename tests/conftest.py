@@ -35,8 +35,9 @@ class LentCluster:
 
 
 def pytest_collection_modifyitems(items):
-    """Run what needs Ray last, so that its processes do not take time from all other tests."""
-    items.sort(key=lambda item: item.get_closest_marker("ray") is not None)
+    """Run the files that need Ray last, so that its processes do not take time from all other tests."""
+    files = {item.path for item in items if item.get_closest_marker("ray")}
+    items.sort(key=lambda item: item.path in files)
 
 
 @pytest.fixture(scope="session")
