@@ -34,7 +34,10 @@ Beside = Annotated[
 ]
 Segments = Annotated[
     str | None,
-    typer.Option(help="Where outages begin, START:STOP:STEP or a list; every other segment if left out."),
+    typer.Option(
+        help="Where outages begin, START:STOP:STEP or a list; every other segment and those of its own "
+        "outages if left out."
+    ),
 ]
 Durations = Annotated[str, typer.Option(help="How long they last in days, START:STOP:STEP or a list.")]
 Out = Annotated[

@@ -42,9 +42,10 @@ def _root() -> None:
 
 @example.command("motivating")
 def motivating_command(out: Out = Path("motivating"), as_json: Json = False) -> None:
-    """Fly a nominal transfer, lose its first burn to an outage of 60 hours, and recover; takes a minute.
+    """Fly a nominal transfer, lose its first burn to an outage of 60 hours, and recover.
 
-    This is the example that the paper begins with. With --json it prints the numbers and draws nothing.
+    This is the example that the paper begins with; it takes a quarter of a minute. With --json it prints the
+    numbers and draws nothing.
     """
     # Its imports take seconds, which the other commands need not wait for.
     from service.missed_thrust.motivating import NoExample, motivating

@@ -64,7 +64,7 @@ def _write_numbers(axes: Axes, x: np.ndarray, y: np.ndarray, cells: np.ndarray, 
         if np.isfinite(cost):
             colour = "white" if cost > 0.3 * top else INK
             place = 0.5 * (x[column] + x[column + 1]), 0.5 * (y[row] + y[row + 1])
-            # Narrow enough for some thirty cells beside each other; without the sign of what rounds to nothing.
+            # Narrow enough for thirty cells beside each other; without the sign of what rounds to nothing.
             text = f"{cost:.0f}" if abs(cost) >= 9.95 else f"{round(cost, 1) + 0.0:.1f}"
             axes.text(*place, text, ha="center", va="center", fontsize=6.0, color=colour)
 
