@@ -1,8 +1,11 @@
 """What tests share: kernels compiled once, and a simulated Ray cluster, whose start takes many seconds."""
 
+import fcntl
 import os
 import subprocess
 import sys
+import tempfile
+from pathlib import Path
 
 import pytest
 
@@ -13,12 +16,37 @@ COMPILE = (
     "from core import load_problem\nfrom workers.job import Settings\nfrom workers.run import warmed\n"
     "warmed(load_problem('ppe-drm3').model_dump(mode='json'), Settings())"
 )
+#: Names a file that is locked while kernels are compiled.
+LOCK = "COASTARC_TESTS_COMPILING"
+COMPILER = pytest.StashKey[subprocess.Popen]()
 
 
 def pytest_sessionstart(session):
-    """Compile before tests run side by side, or each of their processes would, for a minute, the same."""
-    if session.config.getoption("numprocesses", None):
-        subprocess.run([sys.executable, "-c", COMPILE], env=single_threaded(os.environ), check=True)
+    """Compile once if tests run side by side, or each of their processes would, for a minute, the same."""
+    if not session.config.getoption("numprocesses", None):
+        return
+    with tempfile.NamedTemporaryFile(delete=False) as lock:
+        os.environ[LOCK] = lock.name
+        # The lock is that of the file as it is open here and in the child: it ends with the child.
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        command = [sys.executable, "-c", COMPILE]
+        compiler = subprocess.Popen(command, env=single_threaded(os.environ), pass_fds=[lock.fileno()])
+    session.config.stash[COMPILER] = compiler
+
+
+def pytest_collection_finish(session):
+    """Wait, in each of the processes that run tests, until what they share is compiled."""
+    if hasattr(session.config, "workerinput"):
+        with open(os.environ[LOCK]) as lock:
+            fcntl.flock(lock, fcntl.LOCK_SH)
+
+
+def pytest_sessionfinish(session):
+    """End what compiles, in a session that was cut short."""
+    if compiler := session.config.stash.get(COMPILER, None):
+        compiler.terminate()
+        compiler.wait()
+        Path(os.environ[LOCK]).unlink()
 
 
 class LentCluster:

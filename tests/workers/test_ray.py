@@ -232,7 +232,7 @@ def test_ray_is_imported_only_where_it_sees_that_it_must_authenticate(tmp_path, 
     for name in ("RAY_AUTH_TOKEN_PATH", "RAY_AUTH_TOKEN", "RAY_num_workers_soft_limit"):
         monkeypatch.setenv(name, "")
     monkeypatch.setenv("RAY_AUTH_MODE", "token")
-    with pytest.raises(ExecutorError, match=r"expected the package, got .*install coastarc\[ray\]"):
+    with pytest.raises(ExecutorError, match=r"expected the package, got .*; install it: pip install"):
         RayCluster(n_workers=1, token=tmp_path / "token")
 
 
