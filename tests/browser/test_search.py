@@ -59,6 +59,16 @@ def test_figures_show_violation_delta_v_step_size_and_time(hopped, visit):
     assert "pareto" in laws and "yes, from" in laws and "after 4 rejected hops" in laws
 
 
+def test_a_mark_of_a_figure_leads_to_its_solution(hopped, visit):
+    page = visit(f"{hopped}/campaigns/1/searches/adaptive")
+    page.wait_for_selector("#delta-v-plot[data-drawn]")
+    marks = "document.getElementById('delta-v-plot').data.find(({ name }) => name.includes('strict'))"
+    solution = page.evaluate(f"{marks}.customdata[0]")
+    event = f"plot => plot.emit('plotly_click', {{points: [{{customdata: '{solution}'}}]}})"
+    page.locator("#delta-v-plot").evaluate(event)
+    page.wait_for_url(f"**/solutions/{solution}")
+
+
 def test_a_law_that_does_not_adapt_shows_how_far_it_reaches(hopped, visit, served, tmp_path):
     with served(tmp_path) as (store, url):
         store.submit(spec_from(spec_fields()))

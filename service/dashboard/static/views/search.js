@@ -47,6 +47,8 @@ const time = new TimeFigure(byId("time"), "Time per solve");
 let third;
 /** @type {ChainTable | SeedTable | undefined} */
 let rows;
+/** What the pictures show. */
+let drawn = "";
 
 const page = new Page({ events: `/campaigns/${encodeURIComponent(campaign)}/events`, refresh, redraw });
 page.start();
@@ -70,7 +72,10 @@ async function refresh(events, isAll) {
   await asked;
   if (shown.n_solves === 0 && shown.state === "waiting") return waits(shown);
   showEmpty();
-  redraw();
+  // Pictures of the same data are left alone: they are what costs.
+  const data = JSON.stringify([shown, solves.last, solves.byId.size]);
+  if (data !== drawn) await redraw();
+  drawn = data;
 }
 
 async function steers() {
@@ -115,7 +120,7 @@ function showHead(search) {
   ]);
 }
 
-function redraw() {
+async function redraw() {
   if (!shown) return;
   const search = shown;
   const all = solves.all;
@@ -123,15 +128,13 @@ function redraw() {
   const hops = search.seeds ? 1 : search.hops;
   showProgress(search, all);
   grid.show(all, { isMapped: search.seeds !== null, hops }, caption);
-  showThird(search, all, caption);
+  const drawing = showThird(search, all, caption);
   showRules(search);
   if (all.length === 0) {
     for (const figure of [violation, deltaV, time]) figure.empty("No solve yet. The first one appears here when its job is done.");
-    return;
+    return drawing;
   }
-  violation.draw(all, hops, caption);
-  deltaV.draw(all, hops, caption);
-  time.draw(all, caption);
+  await Promise.all([drawing, violation.draw(all, hops, caption), deltaV.draw(all, hops, caption), time.draw(all, caption)]);
   for (const figure of [violation, deltaV, third]) if (figure) leads(figure);
 }
 
@@ -154,21 +157,21 @@ function showProgress(search, all) {
  * @param {import("../solves.js").Solve[]} all
  * @param {string} caption
  */
-function showThird(search, all, caption) {
+async function showThird(search, all, caption) {
   if (search.seeds) {
     third ??= new YieldFigure(byId("reach"), "Yield by seed");
     rows ??= new SeedTable(byId("rows"));
     const yields = yieldsOf(solves);
-    /** @type {YieldFigure} */ (third).draw(yields, caption);
     const n = /** @type {SeedTable} */ (rows).show(yields);
     byId("rows-title").textContent = "Seeds";
     byId("rows-note").textContent = n < yields.length ? `the ${n} that gave most, of ${number(yields.length, 0)}` : "";
+    await /** @type {YieldFigure} */ (third).draw(yields, caption);
   } else if (search.laws) {
     third ??= new ReachFigure(byId("reach"), search.laws.adaptive ? "Step size" : "Reach of a hop");
     rows ??= new ChainTable(byId("rows"));
-    /** @type {ReachFigure} */ (third).draw(all, search.laws, search.hops, caption);
     const [n, of] = /** @type {ChainTable} */ (rows).show(all);
     byId("rows-note").textContent = n < of ? `the best ${n} of ${number(of, 0)}` : "";
+    await /** @type {ReachFigure} */ (third).draw(all, search.laws, search.hops, caption);
   }
 }
 
