@@ -1,8 +1,9 @@
 """What the pages cost on an archive of any size, printed as JSON: `make pages`.
 
 `python -m tests.browser.measure --solves 1000000 --minutes 60` fills an archive with made-up solves, serves
-it from another process, opens each page three times, and then leaves one campaign's page open while
-simulated workers hand in outcomes; its heap is measured after a collection of garbage.
+it from another process, and opens each page three times in browsers that know nothing and three times in one
+that was there before.  Then it leaves one campaign's page open while simulated workers hand in outcomes, and
+measures its heap after a collection of garbage.
 """
 
 import argparse
@@ -38,11 +39,14 @@ PAGES = {
     "workers": "/workers",
 }
 VISITS = 3
+#: Visits after which a browser keeps what it made of a page's scripts.
+VISITS_BEFORE = 3
+SIZE = {"width": 1280, "height": 900}
 #: A page or a simulated worker that is later than this has stopped [s].
 LONGEST_S = 30.0
 SENT = (
     "performance.getEntriesByType('navigation').concat(performance.getEntriesByType('resource'))"
-    ".reduce((sum, entry) => sum + entry.encodedBodySize, 0)"
+    ".reduce((sum, entry) => sum + entry.transferSize, 0)"
 )
 #: Solves that a campaign's page tells of, over its searches.
 SOLVES = "[...document.querySelectorAll('[data-search]')].reduce((n, row) => n + +row.dataset.solves, 0)"
@@ -71,9 +75,8 @@ def is_read(url):
     return history["n_read"] >= history["n_solves"]
 
 
-def visit(browser, url):
-    """Return what one visit took, in a browser without a cache of files."""
-    context = browser.new_context(viewport={"width": 1280, "height": 900})
+def visit(context, url):
+    """Return what one visit took."""
     page = context.new_page()
     began = time.monotonic()
     page.goto(url)
@@ -86,13 +89,26 @@ def visit(browser, url):
         "shown_s": time.monotonic() - began,
         "sent_bytes": page.evaluate(SENT),
     }
-    context.close()
+    page.close()
     return found
 
 
-def visits(browser, url):
-    """Return the medians of some visits."""
-    every = [visit(browser, url) for _ in range(VISITS)]
+def first_visits(browser, url):
+    """Return the medians of some visits, each by a browser without a cache of files."""
+    every = []
+    for _ in range(VISITS):
+        with browser.new_context(viewport=SIZE) as context:
+            every.append(visit(context, url))
+    return medians(every)
+
+
+def later_visits(context, url):
+    """Return the medians of some visits by a browser that was there before."""
+    every = [visit(context, url) for _ in range(VISITS_BEFORE + VISITS)]
+    return medians(every[VISITS_BEFORE:])
+
+
+def medians(every):
     return {name: statistics.median(one[name] for one in every) for name in every[0]}
 
 
@@ -125,7 +141,7 @@ def lateness(page, n_solves):
 
 def growth(browser, told, minutes, rate_per_s):
     """Return heap, elements and delay of a campaign's page, by time, while outcomes come in."""
-    page = browser.new_context(viewport={"width": 1280, "height": 900}).new_page()
+    page = browser.new_context(viewport=SIZE).new_page()
     page.goto(told["url"] + "/campaigns/1")
     page.wait_for_selector("body[data-refreshed]", timeout=300_000)
     tools = page.context.new_cdp_session(page)
@@ -163,15 +179,20 @@ def main():
     wanted.add_argument("--folder", type=Path, help="where the archive is made, or lies from an earlier run")
     asked = wanted.parse_args()
     with tempfile.TemporaryDirectory() as temporary, sync_playwright() as playwright:
-        folder = asked.folder or Path(temporary)
+        folder = asked.folder or Path(temporary) / "archive"
         if not (folder / "coastarc.db").exists():
             spec = spec_from(campaign("bench", 10_000_000, 1))
             fill(folder, spec, asked.solves, np.random.default_rng(1), is_done=False)
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        chromium = playwright.chromium
+        browser = chromium.launch(executable_path=CHROMIUM, args=FLAGS)
         with served(folder) as told:
-            found = {"machine": machine(), "n_solves": asked.solves, "pages": {}}
-            for name, path in PAGES.items():
-                found["pages"][name] = visits(browser, told["url"] + path)
+            urls = {name: told["url"] + path for name, path in PAGES.items()}
+            found = {"machine": machine(), "n_solves": asked.solves}
+            found["first_visits"] = {name: first_visits(browser, url) for name, url in urls.items()}
+            with chromium.launch_persistent_context(
+                Path(temporary) / "browser", executable_path=CHROMIUM, args=FLAGS, viewport=SIZE
+            ) as context:
+                found["later_visits"] = {name: later_visits(context, url) for name, url in urls.items()}
             if asked.minutes:
                 found["growth"] = growth(browser, told, asked.minutes, asked.rate)
         browser.close()
