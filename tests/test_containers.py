@@ -135,9 +135,8 @@ def test_every_setting_is_one_and_every_secret_comes_as_a_file_that_is_mounted()
 
 
 def test_a_unit_of_systemd_keeps_what_is_compiled_where_it_may_write():
-    unit = (
-        (ROOT / "docs" / "deploy.md").read_text(encoding="utf-8").partition("```ini")[2].partition("```")[0]
-    )
+    page = (ROOT / "docs" / "deploy.md").read_text(encoding="utf-8")
+    unit = page.partition("```ini")[2].partition("```")[0]
     assert "CacheDirectory=coastarc" in unit and "XDG_CACHE_HOME=/var/cache/coastarc" in unit
 
 
