@@ -1,4 +1,4 @@
-"""A set of problems with their best known solutions, as it stands in a folder.
+"""A set of problems with solutions to beat, as it stands in a folder.
 
     set.toml          name, version, constants, kernels, tolerances; a table [[case]] for each problem
     target.bsp        the target orbit, the same for all cases

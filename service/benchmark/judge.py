@@ -1,4 +1,4 @@
-"""A vector from elsewhere beside the best known one of a case."""
+"""A vector from elsewhere beside that of the set for a case."""
 
 from pathlib import Path
 
@@ -24,7 +24,7 @@ class Judgement(Answer):
     violation: float
     propellant_kg: float
     best_known_kg: float
-    #: Propellant beyond that of the best known solution; negative is better.
+    #: Propellant beyond that of the solution of the set; negative is better.
     excess_kg: float
 
 

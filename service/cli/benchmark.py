@@ -1,4 +1,4 @@
-"""`coastarc benchmark`: the open set of robust problems with their best known solutions."""
+"""`coastarc benchmark`: the open set of robust problems with solutions to beat."""
 
 from datetime import UTC, datetime
 from pathlib import Path
@@ -21,7 +21,7 @@ CaseNames = Annotated[list[str] | None, typer.Option("--case", help="Only this c
 
 @benchmark.command()
 def show(folder: Folder = FOLDER, as_json: Json = False) -> None:
-    """Show the problems of a set and what is known best about each, as it is written there."""
+    """Show the problems of a set and the solution to beat of each, as it is written there."""
     found = read_set(folder)
     cases = [_case_fields(found, name) for name in (case.name for case in found.cases)]
     if as_json:
@@ -76,7 +76,7 @@ def judge(
     folder: FolderOption = FOLDER,
     as_json: Json = False,
 ) -> None:
-    """Fly a solution from elsewhere and compare it with the best known; exit code 1 if it is not strict."""
+    """Fly a solution from elsewhere and compare it with that of the set; exit code 1 if it is not strict."""
     from service.benchmark.judge import judge as judged
 
     found = judged(read_set(folder).case(case), vector)
@@ -86,7 +86,7 @@ def judge(
         worst = found.failure or f"worst defect {100 * found.violation:.1f} % of the tolerance"
         console.print(f"{'Strict' if found.is_strict else 'Not strict'}: {worst}.", highlight=False)
         console.print(
-            f"{found.propellant_kg:.3f} kg of propellant, {found.excess_kg:+.3f} kg beside the best known "
+            f"{found.propellant_kg:.3f} kg of propellant, {found.excess_kg:+.3f} kg beside that of the set "
             f"{found.best_known_kg:.3f} kg.",
             highlight=False,
         )
