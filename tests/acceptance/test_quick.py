@@ -17,6 +17,8 @@ from service.spec.resolve import require_flyable
 from service.store import Store, UnknownRow
 from workers.threads import single_threaded
 
+pytestmark = pytest.mark.slow
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 COASTARC = Path(sys.executable).with_name("coastarc")
 #: Of outages in 50 segments, those at about the same time in 20, where a solve takes a second or two.
