@@ -4,6 +4,7 @@ import ast
 import importlib
 import inspect
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -187,3 +188,20 @@ def test_every_package_of_core_with_public_names_is_in_the_reference():
     page = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
     named = {package for package in PACKAGES if hasattr(importlib.import_module(package), "__all__")}
     assert named <= set(re.findall(r"automodule:: (\S+)", page))
+
+
+def test_an_extra_is_added_to_the_installation_that_is_there():
+    """Without -e, pip replaces an editable installation by a copy; a server's is a copy of its own."""
+    pages = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *(ROOT / "docs").rglob("*.ipynb"), *SOURCES]
+    lines = [line for path in pages for line in path.read_text(encoding="utf-8").splitlines()]
+    added = [line for line in lines if re.search(r"'\.\[\w+\]'", line)]
+    assert len(added) > 5
+    assert all(re.search(r"-e '\.\[|^/opt/coastarc/bin/pip install", line) for line in added)
+
+
+def test_how_to_cite_names_the_version_and_the_license_of_the_project():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    cited = dict(re.findall(r"^([\w-]+): (.+)$", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.M))
+    assert (cited["version"], cited["license"]) == (project["version"], project["license"])
+    assert "Apache License" in (ROOT / "LICENSE").read_text(encoding="utf-8")
+    assert f"\n## {project['version']}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")

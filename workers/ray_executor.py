@@ -216,7 +216,7 @@ def _imported(token: Path | None) -> Any:
         import ray
         import ray.util.scheduling_strategies
     except ImportError as error:
-        remedy = "install it: pip install -c constraints.txt '.[ray]'"
+        remedy = "install it: pip install -c constraints.txt -e '.[ray]'"
         raise ExecutorError(f"ray: expected the package, got {error}; {remedy}") from error
     return ray
 

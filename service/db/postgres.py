@@ -41,7 +41,7 @@ def _engine(url: URL, options: str, **settings: Any) -> Engine:
     except ModuleNotFoundError as error:
         raise DatabaseError(
             "database: expected the package psycopg for PostgreSQL, got none; "
-            "install it: pip install -c constraints.txt '.[postgres]'"
+            "install it: pip install -c constraints.txt -e '.[postgres]'"
         ) from error
 
 

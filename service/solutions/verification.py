@@ -97,7 +97,7 @@ def require_heyoka() -> None:
     if find_spec("heyoka") is None:
         raise VerificationError(
             "--with-heyoka: expected the package heyoka, got none; install it, in a clone of the repository, "
-            "by `pip install -c constraints.txt '.[heyoka]'`"
+            "by `pip install -c constraints.txt -e '.[heyoka]'`"
         )
 
 

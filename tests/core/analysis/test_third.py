@@ -13,7 +13,7 @@ from core.constants import GM_EARTH
 from core.problem import load_problem
 from tests.core.analysis.by_hand import ORIGIN_ET
 
-pytest.importorskip("heyoka", reason="heyoka is an extra: pip install -c constraints.txt '.[heyoka]'")
+pytest.importorskip("heyoka", reason="heyoka is an extra: pip install -c constraints.txt -e '.[heyoka]'")
 from core.analysis.third import INTEGRATOR, TOLERANCE, TaylorPilot
 
 DAY = 86400.0

@@ -23,7 +23,7 @@ from tests.service.campaigns import finish, spec_fields
 from workers.inline import Inline
 
 needs_heyoka = pytest.mark.skipif(
-    find_spec("heyoka") is None, reason="heyoka is an extra: pip install -c constraints.txt '.[heyoka]'"
+    find_spec("heyoka") is None, reason="heyoka is an extra: pip install -c constraints.txt -e '.[heyoka]'"
 )
 SMALL = SPEC | {"search": [SPEC["search"][0] | {"guesses": 1}, SPEC["search"][1]]}
 
