@@ -15,11 +15,12 @@ test: $(VENV)/.installed-test
 	$(PYTEST)
 
 # What `make test` leaves out because it takes long; then the tests whose results depend on how a processor rounds,
-# once more with the mathematical functions of a processor that has neither FMA nor AVX2.
-NUMERIC := tests/core tests/workers
+# once more as on one that has neither FMA nor AVX2: the functions of the C library and of NumPy, and OpenBLAS.
+NUMERIC := tests/core tests/workers tests/test_python_example.py
+ELSEWHERE := GLIBC_TUNABLES=glibc.cpu.hwcaps=-FMA,-AVX2 NPY_DISABLE_CPU_FEATURES="X86_V3 X86_V4" OPENBLAS_CORETYPE=Nehalem
 check: $(VENV)/.installed-test
 	$(PYTEST) -m 'slow and (not browser or short)'
-	GLIBC_TUNABLES=glibc.cpu.hwcaps=-FMA,-AVX2 $(PYTEST) $(NUMERIC)
+	$(ELSEWHERE) $(PYTEST) -m 'not ray and (not browser or short)' $(NUMERIC)
 
 # The same solutions inline, on the process pool and on Ray, with the real solver: some twenty minutes.
 same: $(VENV)/.installed-test

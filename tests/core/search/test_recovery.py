@@ -10,6 +10,7 @@ from core.search.recovery import recovery
 from core.transcription import ReferencePath, transcribe
 from tests.core.known import optimum
 from tests.core.partials import assert_partials
+from tests.core.rounding import apart
 from tests.core.search.seeds import ONE, robust_solution
 from tests.core.transcription.points import PRESET, TIGHT, problem, random_point
 
@@ -36,7 +37,9 @@ def as_recovery(segment, days, n_legs=1):
 @pytest.mark.parametrize("segment", [4, 26, 40])  # before, on and behind the matchpoint
 def test_a_recovery_has_the_defects_of_its_realization(segment):
     whole, x, part, mine = as_recovery(segment, 1.5)
-    np.testing.assert_allclose(part.defects(mine), whole.defects(x)[7:], rtol=0, atol=1e-7)  # rounding, flown
+    # The reference is flown in other steps on the way to its outage.
+    difference = np.abs(part.defects(mine) - whole.defects(x)[7:])
+    assert np.all(difference <= apart(whole, x, TIGHT)[7:])
 
 
 def test_a_recovery_has_the_partials_of_its_realization():
