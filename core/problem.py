@@ -29,6 +29,7 @@ from core.constants import (
     SECONDS_PER_DAY,
 )
 from core.faults import UserError, fault_lines
+from core.text import read_text
 
 SCHEMA_VERSION = 1
 
@@ -368,7 +369,7 @@ def load_problem(path_or_preset: str | Path) -> Problem:
         return problem_from({"preset": str(path_or_preset)})
     path = Path(path_or_preset)
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
         table = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
     except (OSError, ValueError) as error:
         names, reason = ", ".join(presets()), getattr(error, "strerror", None) or error

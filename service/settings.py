@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, SecretStr, ValidationError
 
 from core.faults import UserError, fault_lines
+from core.text import read_text
 
 PREFIX = "COASTARC_"
 _LISTS = ("hosts", "proxies")
@@ -82,9 +83,9 @@ def _value_of(field: str, variables: Mapping[str, str]) -> str:
 
 def _read(name: str, path: str) -> str:
     try:
-        value = Path(path).read_text(encoding="utf-8").strip()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "bytes that are no text"
+        value = read_text(Path(path)).strip()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
         raise SettingsError(f"{name}: expected a file to read, got {path}: {reason}") from None
     if not value:
         raise SettingsError(f"{name}: expected a file with a secret, got {path}, which is empty")

@@ -11,6 +11,7 @@ import numpy as np
 
 from core.analysis.distinct import DISTINCT, clusters, distance, feature_rows
 from core.problem import Problem, problem_from
+from core.text import read_text
 from core.transcription import checked_vector, layout_of
 
 __all__ = [
@@ -64,7 +65,7 @@ def write_solutions(path: Path, problem: Problem, solutions: Iterable[Solution])
 def read_solutions(path: Path) -> list[Solution]:
     """Return saved solutions, or raise ValueError naming the file, what was expected and what came."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(read_text(path))
         problem = problem_from(content["problem"])
         return [_solution(problem, entry) for entry in content["solutions"]]
     except OSError as error:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from core import text
 from core.constants import G0, GM_EARTH, GM_JUPITER, GM_MOON, GM_SUN, RADIUS_EARTH_KM, RADIUS_MOON_KM
 from core.faults import UserError
 from core.problem import Problem, ProblemError, problem_from
@@ -145,9 +146,9 @@ def read_toml(path: Path) -> dict[str, Any]:
 def read_text(path: Path) -> str:
     """Return the text of a file."""
     try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "bytes that are no text"
+        return text.read_text(path)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
         raise BenchmarkError(f"{path}: expected a file to read, got {reason}") from error
 
 

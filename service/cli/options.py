@@ -12,6 +12,7 @@ from pydantic import BaseModel, TypeAdapter
 from rich.console import Console
 from rich.table import Table
 
+from core.text import read_text
 from service.client import Client
 from service.settings import Settings, SettingsError
 
@@ -46,9 +47,9 @@ def token_of(path: Path | None) -> str | None:
         mine = Settings.from_environment().token
         return mine.get_secret_value() if mine else None
     try:
-        token = path.read_text(encoding="utf-8").strip()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "bytes that are no text"
+        token = read_text(path).strip()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
         raise SettingsError(f"--token-file: expected a file with a token, got {path}: {reason}") from None
     if not token:
         raise SettingsError(f"--token-file: expected a file with a token, got {path}, which is empty")

@@ -6,6 +6,7 @@ from pathlib import Path
 from sqlalchemy import URL, make_url
 from sqlalchemy.exc import ArgumentError
 
+from core.text import read_text
 from service.db.errors import DatabaseError, unusable
 
 FILE_NAME = "coastarc.db"
@@ -30,8 +31,8 @@ def place_of(folder: Path) -> Place:
     url = os.environ.get(URL_VARIABLE)
     if path := os.environ.get(f"{URL_VARIABLE}_FILE"):
         try:
-            url = Path(path).read_text(encoding="utf-8").strip()
-        except (OSError, UnicodeDecodeError) as error:
+            url = read_text(Path(path)).strip()
+        except (OSError, ValueError) as error:
             raise DatabaseError(f"{URL_VARIABLE}_FILE: expected a file to read, got {error}") from error
     return folder / FILE_NAME if not url else database_url(url)
 

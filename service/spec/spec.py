@@ -14,6 +14,7 @@ from pydantic import BeforeValidator, Field, StrictInt, ValidationError, model_v
 from core.faults import UserError
 from core.problem import Problem, ProblemError, beside, content_hash, problem_from, validation_message
 from core.search import expand_mapping
+from core.text import read_text
 from service.spec.pairing import first_pair, require_seedable
 from service.spec.search_spec import SHARING, Name, Priority, SearchSpec, Strict
 
@@ -177,7 +178,7 @@ def spec_from(fields: Any, *, allow_files: bool = False) -> Spec:
 def load_spec(path: Path) -> Spec:
     """Return the specification in a .toml or .json file."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
         fields = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error

@@ -205,7 +205,7 @@ def test_the_problem_of_a_campaign_file_is_its_table_of_that_name(tmp_path):
     assert load_problem(tmp_path / "c.toml").n_segments == 20
 
 
-@pytest.mark.parametrize("content", [b"\xff\xfe", b"[[[", b"{"])
+@pytest.mark.parametrize("content", [b"\xff\xfe\xfd", b"[[[", b"{"])
 @pytest.mark.parametrize("name", ["p.toml", "p.json"])
 def test_a_file_that_cannot_be_read_is_refused(tmp_path, name, content):
     (tmp_path / name).write_bytes(content)

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from service.spec import SpecError, load_spec, spec_from
+from service.spec.spec_check import check_text
 from tests.service.campaigns import OUTAGE, spec_fields
 
 
@@ -224,3 +225,10 @@ def test_several_budgets_may_be_given():
 
 def test_both_kinds_of_search_may_set_their_legs():
     assert spec_from(changed(n_legs=5)).search[1].settings.n_legs == 5
+
+
+@pytest.mark.parametrize("mark", ["\ufeff", ""])
+def test_a_byte_order_mark_before_a_specification_means_nothing(tmp_path, mark):
+    (tmp_path / "a.toml").write_text(mark + TOML, encoding="utf-8")
+    (tmp_path / "b.toml").write_text(TOML, encoding="utf-16")
+    assert load_spec(tmp_path / "a.toml") == load_spec(tmp_path / "b.toml") == check_text(mark + TOML).spec
