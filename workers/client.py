@@ -8,7 +8,7 @@ Whether and when to ask again is for whoever asks; what may be asked again is ra
 """
 
 import ipaddress
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from types import TracebackType
 from typing import Any, NoReturn, Self, TypeVar
@@ -74,6 +74,10 @@ class Api:
             trust_env=not _is_loopback(self.url),
             transport=transport,
         )
+
+    def use_token(self, token: str) -> None:
+        """Send another token from now on."""
+        self._http.headers["Authorization"] = f"Bearer {token}"
 
     def __enter__(self) -> Self:
         """Give the routes; connections are closed at the end of the block."""
@@ -157,10 +161,11 @@ class Api:
 
 
 class HttpSource:
-    """A coordinator as a source of jobs."""
+    """A coordinator as a source of jobs; `ask_for_token` gets another token where one is refused."""
 
-    def __init__(self, api: Api) -> None:
+    def __init__(self, api: Api, ask_for_token: Callable[[], None] | None = None) -> None:
         self._api = api
+        self._ask_for_token = ask_for_token
 
     def claim(self, request: ClaimRequest) -> ClaimAnswer:
         """Return jobs, which are then this worker's for the time of a lease."""
@@ -188,6 +193,9 @@ class HttpSource:
         try:
             return self._api.ask("POST", f"/jobs/{verb}", answer, request)
         except Rejected as error:
+            if error.status == 401 and self._ask_for_token is not None:
+                self._ask_for_token()
+                raise Unreachable(f"{error}; a new token is asked for") from error
             if error.code == "stale_attempt":
                 raise StaleAttempt(str(error)) from error
             if verb.startswith("complete") and error.status in (404, 413, 422):

@@ -3,7 +3,8 @@
 `coastarc dispatch` runs it where an operator wants it.  A coordinator starts its own as a child by
 `python -m workers.dispatch`: what to do comes as one line of JSON on stdin, with the token, which so stands
 in no list of processes.  The line `stop` asks the child to end; if stdin closes, the coordinator is gone, and
-the child ends too.  Nothing heavy is imported here, so that it starts quickly.
+the child ends too.  A token that is refused is replaced: the child prints `token wanted`, and gets a
+line with another one.  Nothing heavy is imported here, so that it starts quickly.
 """
 
 import json
@@ -13,6 +14,7 @@ import platform
 import signal
 import sys
 import threading
+import time
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -39,6 +41,10 @@ from workers.usage import Usage
 RUNNER = "workers.run:run_job"
 #: Exit codes: somebody has to mend something; a new dispatcher will do.
 CANNOT_WORK, EXECUTOR_LOST = 2, 3
+#: What a child and its coordinator say about tokens.
+TOKEN_WANTED, NEW_TOKEN = "token wanted", "token "
+#: How often a child asks for a token at most [s].
+TOKEN_PERIOD_S = 5.0
 #: What makes starting a dispatcher again useless.
 FAULTS = (ApiError, Refused, ExecutorError)
 #: How soon a start is broken off [s].
@@ -79,15 +85,44 @@ class DispatchOrder(Message):
         return json.dumps(self.model_dump(mode="json") | {"token": token})
 
 
-def dispatch(order: DispatchOrder, stop: threading.Event) -> None:
-    """Work until told to stop."""
+class TokenLine:
+    """The pipes to the coordinator, as far as they are about tokens."""
+
+    def __init__(self) -> None:
+        self._api: Api | None = None
+        self._due = 0.0
+        self._lock = threading.Lock()
+
+    def serve(self, api: Api) -> None:
+        """Name whose tokens these are."""
+        self._api = api
+
+    def ask(self) -> None:
+        """Ask for a token in place of one that is refused; any thread may, and one question is enough."""
+        with self._lock:
+            if time.monotonic() < self._due:
+                return
+            self._due = time.monotonic() + TOKEN_PERIOD_S
+            sys.stdout.write(f"{TOKEN_WANTED}\n")
+            sys.stdout.flush()
+
+    def take(self, token: str) -> None:
+        """Go on with another token."""
+        if self._api is not None:
+            self._api.use_token(token)
+
+
+def dispatch(order: DispatchOrder, stop: threading.Event, tokens: TokenLine | None = None) -> None:
+    """Work until told to stop; without a way to get another token, one that is refused is the end."""
     token = order.token.get_secret_value() if order.token else None
     with Api(order.url, token) as api:
+        if tokens is not None:
+            tokens.serve(api)
         executor = _executor(order, stop)
         try:
             worker = _worker(order, executor)
             log_lines.sign(worker=worker.name)
-            source = HttpSource(api)
+            source = HttpSource(api, tokens.ask if tokens else None)
             Dispatcher(source, executor, worker, order.campaign_id, Usage()).run(stop.is_set)
         finally:
             executor.close()
@@ -152,9 +187,11 @@ def _worker(order: DispatchOrder, executor: Executor) -> WorkerInfo:
     )
 
 
-def _listen(orders: FileIO, stop: threading.Event) -> None:
+def _listen(orders: FileIO, stop: threading.Event, tokens: TokenLine) -> None:
     """Wait for the word or the death of the coordinator, and stop."""
-    if orders.readline() == b"":
+    while (line := orders.readline().decode()).startswith(NEW_TOKEN):
+        tokens.take(line.removeprefix(NEW_TOKEN).strip())
+    if not line:
         # Whatever does not end in peace ends all the same.
         timer = threading.Timer(ORPHAN_S, _end_at_once, (CANNOT_WORK,))
         timer.daemon = True
@@ -172,9 +209,10 @@ def main() -> int:
     # Raw: the interpreter could not end while a thread waits in the buffer of `sys.stdin`.
     orders = FileIO(sys.stdin.fileno(), closefd=False)
     order = DispatchOrder.model_validate_json(orders.readline())
-    threading.Thread(target=_listen, args=(orders, stop), name="orders", daemon=True).start()
+    tokens = TokenLine()
+    threading.Thread(target=_listen, args=(orders, stop, tokens), name="orders", daemon=True).start()
     try:
-        dispatch(order, stop)
+        dispatch(order, stop, tokens)
     except FAULTS as error:
         sys.stdout.write(f"{error}\n")
         if isinstance(error, ExecutorLost):

@@ -2,6 +2,7 @@
 
 import hashlib
 import platform
+import re
 import socket
 import threading
 import time
@@ -29,7 +30,8 @@ from workers.dispatch import RUNNER, DispatchOrder, ExecutorKind
 
 #: How long the web server may take to start or to stop [s].
 SERVER_PATIENCE_S = 10.0
-#: The token of the dispatcher; made anew at every start, and gone with the coordinator [days].
+#: How the names of the tokens of own dispatchers begin; each is made anew at every start, and nobody else
+#: has it [days].
 TOKEN_NAME, TOKEN_DAYS = "own dispatcher", 3650.0
 
 
@@ -47,13 +49,22 @@ class Crew:
     runner: str = RUNNER
 
 
-def local_prefix(folder: Path) -> str:
-    """Return how the names of workers begin that end with the coordinator of a data folder.
+def local_name(folder: Path, folder_id: str) -> str:
+    """Return what tells the coordinator of a data folder from all others on its database.
+
+    A copied folder has the same id, and two machines may have the same host name.
+    """
+    digest = hashlib.blake2b(f"{folder.resolve()} {folder_id}".encode(), digest_size=8).hexdigest()
+    # As long and of such letters as a token may be named.
+    return re.sub(r"[^A-Za-z0-9._-]", "-", f"{digest}-{platform.node()[:30]}")
+
+
+def local_prefix(name: str) -> str:
+    """Return how the names of workers begin that end with the coordinator of a name.
 
     The next coordinator of the folder need not wait for their leases.
     """
-    digest = hashlib.blake2b(str(folder.resolve()).encode(), digest_size=4).hexdigest()
-    return f"local:{platform.node()[:60]}:{digest}:".encode("ascii", "replace").decode()
+    return f"local:{name}:"
 
 
 def open_port(host: str, port: int) -> socket.socket:
@@ -136,7 +147,8 @@ class Coordinator:
             listener = opened.enter_context(open_port(*self._address))
             opened.enter_context(self._lock)
             self.store = opened.enter_context(Store(self._folder, leases=self._leases))
-            self.n_recovered = self.store.recover(local_prefix(self._folder))
+            self._name = local_name(self._folder, self._lock.folder_id)
+            self.n_recovered = self.store.recover(local_prefix(self._name))
             host = self._address[0]
             access = access_on(host, Settings.from_environment(), self.store.identities.has_token)
             self._server = WebServer(self.store, listener, host, access)
@@ -176,8 +188,8 @@ class Coordinator:
         """Begin to run jobs of one campaign, or of all, by a dispatcher that ends with the coordinator."""
 
         def order() -> DispatchOrder:
-            # A token for each child, which has it in memory alone.
-            made = self.store.identities.replace(TOKEN_NAME, Role.WORKER, TOKEN_DAYS)
+            # A token for each child, which has it in memory alone; those of other coordinators stay.
+            made = self.store.identities.replace(f"{TOKEN_NAME} {self._name}", Role.WORKER, TOKEN_DAYS)
             return DispatchOrder(
                 url=self.url,
                 token=SecretStr(made.token),
@@ -187,7 +199,7 @@ class Coordinator:
                 cluster_token=self._folder / "ray.token" if crew.executor is ExecutorKind.RAY else None,
                 campaign_id=campaign_id,
                 runner=crew.runner,
-                prefix=local_prefix(self._folder),
+                prefix=local_prefix(self._name),
             )
 
         self._supervisor = Supervisor(order)

@@ -2,7 +2,8 @@
 
 The child may die at any time, and Ray makes it die now and then: its jobs come back through their leases, and
 another child is started.  It is told what to do, and to stop, through a pipe, so that it ends by itself when
-the coordinator is killed and nobody can tell it anything any more.
+the coordinator is killed and nobody can tell it anything any more.  What keeps a child from being started may
+pass too, as a full disk does: then that is tried again, for as long as it takes.
 """
 
 import logging
@@ -14,8 +15,10 @@ import threading
 import time
 from collections.abc import Callable
 
+from core.faults import UserError
+from service.db.errors import DatabaseError
 from workers.backoff import Backoff
-from workers.dispatch import CANNOT_WORK, DispatchOrder
+from workers.dispatch import CANNOT_WORK, NEW_TOKEN, TOKEN_WANTED, DispatchOrder
 
 log = logging.getLogger(__name__)
 
@@ -36,6 +39,8 @@ class Supervisor:
         self._lock = threading.Lock()
         self._child: subprocess.Popen[str] | None = None
         self._fault: str | None = None
+        self._trouble: str | None = None
+        self._backoff = Backoff(FIRST_PAUSE_S, LONGEST_PAUSE_S)
         self._thread = threading.Thread(target=self._run, name="supervisor", daemon=True)
 
     @property
@@ -49,6 +54,11 @@ class Supervisor:
         """Why no child can work, if that is so."""
         return self._fault
 
+    @property
+    def trouble(self) -> str | None:
+        """Why there is no child now, in words for everybody; another start is tried by itself."""
+        return self._trouble
+
     def start(self) -> None:
         """Start a child, and another whenever it dies."""
         self._thread.start()
@@ -58,8 +68,9 @@ class Supervisor:
         with self._lock:
             self._stop.set()
             child = self._child
+            if child is not None:
+                _tell(child, "stop\n")
         if child is not None:
-            _tell(child, "stop\n")
             self._thread.join(LEAVE_S)
             if self._thread.is_alive():
                 log.warning("dispatcher: expected to stop in %.0f s, got none; it is killed", LEAVE_S)
@@ -67,43 +78,79 @@ class Supervisor:
         self._thread.join()
 
     def _run(self) -> None:
-        backoff = Backoff(FIRST_PAUSE_S, LONGEST_PAUSE_S)
-        while self._started():
-            begin = time.monotonic()
-            code, said = self._wait()
+        while not self._stop.is_set():
+            try:
+                self._start_child()
+                if self._child is not None:
+                    self._watch()
+            except Exception as error:
+                self._put_off(error)
+
+    def _start_child(self) -> None:
+        """Start a child, unless it is too late for that."""
+        self._child = None
+        order = self._order()
+        with self._lock:
             if self._stop.is_set():
                 return
-            if code == CANNOT_WORK:
-                self._fault = said
-                return
-            if time.monotonic() - begin > WELL_S:
-                backoff.succeeded()
-            pause_s = backoff.failed()
-            reason = said or f"exit code {code}"
-            log.warning("dispatcher: expected to run, got %s; started again in %.1f s", reason, pause_s)
-            self._stop.wait(pause_s)
+            self._child = _spawn()
+            _tell(self._child, order.written() + "\n")
+        if self._trouble is not None:
+            log.warning("dispatcher: started again")
+        self._trouble = None
 
-    def _started(self) -> bool:
-        """Start a child, unless it is too late for that."""
+    def _put_off(self, error: Exception) -> None:
+        """Wait until a start is worth trying again: a disk gets room, and a process memory, some day."""
+        if self._child is not None and self._child.poll() is None:
+            # Never two at once.
+            _reaped(self._child, is_alive=True)
+        trouble, pause_s = _in_public(error), self._backoff.failed()
+        if trouble != self._trouble:
+            # Once, however long it lasts: lines without end would fill the disk that is full.
+            reason = str(error) if isinstance(error, UserError) else repr(error)
+            log.error("dispatcher: expected to start, got %s; tried again until it does", reason)
+        self._trouble = trouble
+        self._stop.wait(pause_s)
+
+    def _watch(self) -> None:
+        """Wait for the end of the child, and for the time to start another."""
+        begin = time.monotonic()
+        code, said = self._wait()
+        if self._stop.is_set():
+            return
+        if code == CANNOT_WORK:
+            self._fault = said
+            self._stop.set()
+            return
+        if time.monotonic() - begin > WELL_S:
+            self._backoff.succeeded()
+        pause_s = self._backoff.failed()
+        reason = said or f"exit code {code}"
+        log.warning("dispatcher: expected to run, got %s; started again in %.1f s", reason, pause_s)
+        self._stop.wait(pause_s)
+
+    def _renew_token(self) -> None:
+        """Give the child a token in place of one that is refused; its solves go on meanwhile."""
         try:
-            order = self._order()
-            with self._lock:
-                if self._stop.is_set():
-                    return False
-                self._child = _spawn()
+            token = self._order().token
         except Exception as error:
-            # A full disk, or no memory for a process: the coordinator has to say so.
-            self._fault = repr(error)
-            return False
-        _tell(self._child, order.written() + "\n")
-        return True
+            # It asks again.
+            log.warning("dispatcher: expected a new token for it, got %r", error)
+            return
+        log.warning("dispatcher: expected a token in force, got one that is refused; it has another now")
+        with self._lock:
+            if self._child is not None and token is not None:
+                _tell(self._child, f"{NEW_TOKEN}{token.get_secret_value()}\n")
 
     def _wait(self) -> tuple[int, str]:
         """Return how the child ended, and the last line that it said."""
         assert self._child is not None and self._child.stdout is not None and self._child.stdin is not None
         said = ""
         for line in self._child.stdout:
-            said = line.strip() or said
+            if line.strip() == TOKEN_WANTED:
+                self._renew_token()
+            else:
+                said = line.strip() or said
         code = _reaped(self._child)
         self._child.stdout.close()
         try:
@@ -111,6 +158,14 @@ class Supervisor:
         except OSError:
             pass  # It died with an order unread.
         return code, said
+
+
+def _in_public(error: Exception) -> str:
+    """Return a reason without the place of the archive, which is not for everybody who may ask."""
+    if isinstance(error, DatabaseError):
+        return "an archive that takes no write"
+    strerror = error.strerror if isinstance(error, OSError) else None
+    return strerror or type(error).__name__
 
 
 def _spawn() -> subprocess.Popen[str]:
@@ -121,15 +176,18 @@ def _spawn() -> subprocess.Popen[str]:
         stdout=subprocess.PIPE,
         text=True,
         encoding="utf-8",
+        # Whatever a library prints must not end the thread that reads it.
+        errors="replace",
         env=dict(os.environ) | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
         # Ctrl-C in the terminal is ours alone: we then tell the child.
         start_new_session=True,
     )
 
 
-def _reaped(child: subprocess.Popen[str]) -> int:
+def _reaped(child: subprocess.Popen[str], is_alive: bool = False) -> int:
     """Wait for a child, and end what it left behind: all in its session, which it was the first of."""
-    os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOWAIT)
+    if not is_alive:
+        os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOWAIT)
     try:
         # Not reaped yet, it still has its number, which so is nobody else's.
         os.killpg(child.pid, signal.SIGKILL)

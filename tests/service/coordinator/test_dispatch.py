@@ -17,6 +17,7 @@ from service.coordinator.supervisor import Supervisor
 from service.scheduler.leases import LeaseSettings
 from service.store import Store
 from tests.service.campaigns import content, finish, spec_fields, submitted
+from tests.service.databases import rows
 from tests.service.fake_coastarc import LEASE
 from tests.workers.jobs import worker_info
 from workers.client import Api, HttpSource
@@ -120,6 +121,24 @@ def test_a_killed_dispatcher_is_replaced_and_its_jobs_run_again_after_their_leas
     assert coordinator.dispatcher_pid != pid
     coordinator.raise_fault()
     assert content(coordinator.store) == expected
+
+
+def test_an_admin_who_revokes_the_token_of_the_own_dispatcher_does_no_harm(tmp_path, guarded):
+    coordinator, _ = guarded
+    store = coordinator.store
+    expected = undisturbed(tmp_path / "undisturbed", guesses=24)
+    campaign_id = submitted(store, spec_fields(24))
+    coordinator.work(Crew(2, ExecutorKind.PROCESS, SLOW), campaign_id)
+    wait_for(lambda: n_done(store) >= 2)
+    pid = coordinator.dispatcher_pid
+    (own,) = [token.name for token in store.identities.tokens() if token.name != "me"]
+    store.identities.revoke(own)
+    wait_for(lambda: is_done(store, campaign_id))
+    coordinator.raise_fault()
+    # The same process, with another token; what it worked on meanwhile is its own still.
+    assert coordinator.dispatcher_pid == pid and content(store) == expected
+    assert rows(store, "SELECT count(*) FROM attempt WHERE attempt > 1 OR ending = 'lost'") == [(0,)]
+    assert rows(store, "SELECT count(*) FROM audit WHERE status = 401")[0][0] < 10
 
 
 def test_a_killed_coordinator_is_started_again_and_nothing_is_lost(tmp_path, start, dispatch):
