@@ -37,16 +37,22 @@ def attempts(form, rng_seed):
 
 
 def test_most_guesses_close_and_those_that_do_not_close_at_once_close_with_more_time(form):
-    # Chaotic far away, so which ones is not promised: of these ten, four closed at once, and all in the end.
-    found = [attempts(form, rng_seed) for rng_seed in (1, 2, 4, 6, 7, 10)]
-    assert sum(closed[-1] for closed in found) >= 5
-    assert any(len(closed) == 1 for closed in found) and any(len(closed) > 1 for closed in found)
+    # Chaotic far away, so which ones do depends on how a processor rounds: of the first ten, four closed at
+    # once and all in the end. They are tried until both ways were seen.
+    found = []
+    for rng_seed in range(1, 31):
+        found.append(attempts(form, rng_seed))
+        closed = {len(tried) > 1 for tried in found if tried[-1]}
+        if len(found) >= 4 and closed == {False, True}:
+            break
+    assert closed == {False, True}
+    assert 2 * sum(tried[-1] for tried in found) > len(found)
 
 
 def test_a_closed_point_has_small_defects_and_throttles_within_the_limit(form):
     state = next(
         state
-        for rng_seed in (1, 6, 10, 3)
+        for rng_seed in range(1, 21)
         for state in [reach(form, drawn(form, rng_seed), limits())]
         if is_solved(state)
     )

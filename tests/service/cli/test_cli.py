@@ -61,7 +61,7 @@ def start(tmp_path, *arguments, runner="run_fake"):
     )
 
 
-def wait_for(condition, seconds=20.0):
+def wait_for(condition, seconds=240.0):
     deadline = time.monotonic() + seconds
     while not (found := condition()):
         assert time.monotonic() < deadline

@@ -62,7 +62,7 @@ def test_a_reaper_stops_when_told_and_not_a_lease_later(clocked):
     thread = threading.Thread(target=Reaper(clocked, stop).run)
     thread.start()
     stop.set()
-    thread.join(10.0)
+    thread.join(30.0)  # a lease is longer
     assert not thread.is_alive()
 
 
