@@ -7,6 +7,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+import hypothesis
 import pytest
 
 from tests.ray_clusters import nodes
@@ -16,6 +17,9 @@ COMPILE = (
     "from core import load_problem\nfrom workers.job import Settings\nfrom workers.run import warmed\n"
     "warmed(load_problem('ppe-drm3').model_dump(mode='json'), Settings())"
 )
+# A busy machine takes its time, and no example is judged by it.
+hypothesis.settings.register_profile("tests", deadline=None)
+hypothesis.settings.load_profile("tests")
 #: Names a file that is locked while kernels are compiled.
 LOCK = "COASTARC_TESTS_COMPILING"
 COMPILER = pytest.StashKey[subprocess.Popen]()
