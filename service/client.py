@@ -319,5 +319,7 @@ def _client_error(error: ApiError | Unreachable) -> ClientError:
     if isinstance(error, Rejected):
         advice = "; name a file with one in force by COASTARC_TOKEN_FILE" if error.status == 401 else ""
         return ClientError(f"{error}{advice}", error.status, error.code)
+    if isinstance(error, Unreachable) and error.status is not None:
+        return ClientError(str(error), error.status)
     advice = "; start one with `coastarc serve`" if isinstance(error, Unreachable) else ""
     return ClientError(f"{error}{advice}")

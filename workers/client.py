@@ -151,11 +151,12 @@ class Api:
     def _refuse(self, reply: httpx.Response) -> NoReturn:
         detail, code = _fault_of(reply)
         if reply.status_code == 500:
-            raise Faulty(f"coordinator {self.url}: expected an answer, got 500, {detail}")
+            raise Faulty(f"coordinator {self.url}: expected an answer, got 500, {detail}", status=500)
         if reply.status_code in PASSING:
             raise Unreachable(
                 f"coordinator {self.url}: expected an answer, got {reply.status_code}, {detail}",
                 _seconds(reply.headers.get("Retry-After", "")),
+                reply.status_code,
             )
         raise Rejected(reply.status_code, detail, code)
 

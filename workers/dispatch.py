@@ -11,6 +11,7 @@ import json
 import logging
 import os
 import platform
+import re
 import signal
 import sys
 import threading
@@ -23,6 +24,7 @@ from io import FileIO
 from pathlib import Path
 from typing import Annotated
 
+from platformdirs import user_data_path
 from pydantic import Field, SecretStr
 
 from workers import log_lines
@@ -33,6 +35,7 @@ from workers.executor import Executor, ExecutorError, ExecutorLost
 from workers.family import kill_descendants
 from workers.inline import Inline
 from workers.job import Message, RowId, WorkerInfo
+from workers.outbox import Outbox
 from workers.process_pool import ProcessPool
 from workers.provenance import code_version
 from workers.source import Refused
@@ -72,6 +75,8 @@ class DispatchOrder(Message):
     #: Of a Ray cluster; `local` starts one.
     address: str = "local"
     cluster_token: Path | None = None
+    #: Where outcomes wait that the coordinator does not take; None for a folder of the user's own.
+    outbox: Path | None = None
     #: Only the jobs of one campaign.
     campaign_id: RowId | None = None
     #: What calls the solver, as module:name.
@@ -123,9 +128,15 @@ def dispatch(order: DispatchOrder, stop: threading.Event, tokens: TokenLine | No
             worker = _worker(order, executor)
             log_lines.sign(worker=worker.name)
             source = HttpSource(api, tokens.ask if tokens else None)
-            Dispatcher(source, executor, worker, order.campaign_id, Usage()).run(stop.is_set)
+            outbox = Outbox(order.outbox or _own_outbox(order.url))
+            Dispatcher(source, executor, worker, order.campaign_id, Usage(), outbox).run(stop.is_set)
         finally:
             executor.close()
+
+
+def _own_outbox(url: str) -> Path:
+    """Return the folder of what waits for one coordinator."""
+    return user_data_path("coastarc") / "outbox" / re.sub("[^A-Za-z0-9.-]+", "-", url)[:100]
 
 
 def stop_on_signals(stop: threading.Event) -> None:

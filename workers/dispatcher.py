@@ -1,8 +1,9 @@
 """Claims jobs from a source, keeps an executor full, and reports outcomes.
 
 A job is held from its claim until the source has acknowledged its outcome, or says that somebody else has
-it by now.  While the source is silent everything held is kept, and what has ended waits to be reported: only
-the source knows whether a lease ran out, and its fence refuses what comes too late.
+it by now.  While the source is silent everything held is kept, and what has ended waits to be reported, for
+hours if need be, and in files that the next dispatcher finds: only the source knows whether a lease ran out,
+and its fence refuses what comes too late.
 """
 
 import logging
@@ -15,15 +16,20 @@ from workers.executor import Executor, ExecutorError, Finished, Ticket
 from workers.heartbeat import Heartbeat
 from workers.job import (
     MOST_REPORTS,
+    RESULTS,
     ClaimAnswer,
     ClaimRequest,
+    CompleteAnswer,
     CompleteManyRequest,
     CompleteRequest,
     Ending,
     JobOutcome,
     WorkerInfo,
+    job_digest,
     wall_limit_s,
 )
+from workers.outage import Outage
+from workers.outbox import Outbox
 from workers.source import Faulty, JobSource, SourceError, StaleAttempt, Unacceptable, Unreachable
 from workers.usage import Usage
 
@@ -41,7 +47,7 @@ GRACE_S = 3.0
 REPORT_S = 5.0
 #: Jobs of one claim, at most.
 MOST_CLAIMED = 1000
-#: How often the source may fail over a report before it is given up.
+#: How often the source may fail over a report, and be well in between, before it is given up.
 MOST_FAULTS = 10
 
 
@@ -55,6 +61,7 @@ class Dispatcher:
         worker: WorkerInfo,
         campaign_id: int | None = None,
         usage: Usage | None = None,
+        outbox: Outbox | None = None,
     ) -> None:
         self._source = source
         self._executor = executor
@@ -64,13 +71,24 @@ class Dispatcher:
         #: When the process of each job that is worked on counts as hung.
         self._running: dict[Ticket, float] = {}
         self._unreported: dict[Ticket, JobOutcome] = {}
+        #: By `job_digest`, of all that is held.
+        self._digests: dict[Ticket, str] = {}
+        self._outbox = outbox
+        #: Those of the unreported that are in the outbox; and those that an earlier dispatcher left there.
+        self._kept: set[Ticket] = set()
+        self._adopted: set[Ticket] = set()
         self._n_faults: Counter[Ticket] = Counter()
+        #: How often the source has shown that it can write, and how often it had when it failed last.
+        self._n_writes = 0
+        self._n_writes_then: dict[Ticket, int] = {}
         self._hung: set[Ticket] = set()
         #: Somebody else's by now, but not yet out of the executor.
         self._disowned: set[Ticket] = set()
         self._line = Backoff()
         self._idle = Backoff(PATIENCE_S, IDLE_S)
-        self._heartbeat = Heartbeat(source, self._info, self.held)
+        self._outage = Outage("coordinator")
+        self._heartbeat = Heartbeat(source, self._info, self.held, self._outage)
+        self._adopt()
 
     def held(self) -> list[Ticket]:
         """Return the attempts whose leases are to be extended; any thread may ask."""
@@ -88,6 +106,8 @@ class Dispatcher:
             except ExecutorError as error:
                 self._lose_all(str(error))
                 raise
+            finally:
+                self._leave()
 
     def step(self) -> bool:
         """Claim, obey, collect and report once; return whether anything is held."""
@@ -114,7 +134,7 @@ class Dispatcher:
         except Unreachable as error:
             self._wait(error)
             return
-        self._line.succeeded()
+        self._heard()
         self._accept(answer)
         if len(answer.claims) < n_jobs:
             self._idle.failed()
@@ -126,17 +146,20 @@ class Dispatcher:
         for claim in answer.claims:
             ticket = Ticket(claim.job_id, claim.attempt)
             self._running[ticket] = time.monotonic() + wall_limit_s(claim.job)
+            self._digests[ticket] = job_digest(claim.job)
             self._executor.submit(ticket, claim.job)
 
     def _obey(self) -> None:
         for answer in self._heartbeat.answers():
+            self._n_writes += bool(answer.extended)
             for job in answer.to_cancel:
                 self._executor.cancel(Ticket(job.job_id, job.attempt))
             for job in answer.not_held:
                 self._disown(Ticket(job.job_id, job.attempt))
 
     def _disown(self, ticket: Ticket) -> None:
-        if self._unreported.pop(ticket, None) is None and ticket in self._running:
+        # What has ended is offered all the same: while nobody else has begun, the source takes it.
+        if ticket in self._running:
             self._disowned.add(ticket)
             self._executor.cancel(ticket, force=True)
 
@@ -162,12 +185,17 @@ class Dispatcher:
             outcome = JobOutcome(ending=Ending.TIMEOUT, error="job: expected an outcome in time, got none")
         if ticket not in self._disowned:
             self._unreported[ticket] = outcome
+        else:
+            self._digests.pop(ticket, None)
         self._running.pop(ticket, None)
         self._hung.discard(ticket)
         self._disowned.discard(ticket)
 
     def _report(self) -> None:
-        if len(self._unreported) > 1 and self._line.is_due():
+        if not self._line.is_due():
+            self._keep()
+            return
+        if len(self._unreported) > 1:
             self._report_many()
         for ticket in list(self._unreported):
             if not self._line.is_due():
@@ -180,56 +208,131 @@ class Dispatcher:
     def _report_many(self) -> None:
         tickets = list(self._unreported)[:MOST_REPORTS]
         try:
-            self._source.complete_many(CompleteManyRequest(reports=tuple(map(self._request, tickets))))
+            reports = tuple(map(self._request, tickets))
+            answers = self._source.complete_many(CompleteManyRequest(reports=reports)).answers
         except (Faulty, Unacceptable, StaleAttempt):
             # None was taken.  Sent one by one, they tell which of them it is.
             return
         except Unreachable as error:
             self._wait(error)
         else:
-            for ticket in tickets:
-                self._settle(ticket)
+            for ticket, answer in zip(tickets, answers, strict=True):
+                self._taken(ticket, answer)
 
     def _request(self, ticket: Ticket) -> CompleteRequest:
-        outcome = self._unreported[ticket]
-        return CompleteRequest(job_id=ticket.job_id, attempt=ticket.attempt, outcome=outcome)
+        digest = self._digests.get(ticket) if ticket in self._adopted else None
+        return CompleteRequest(
+            job_id=ticket.job_id, attempt=ticket.attempt, outcome=self._unreported[ticket], job_digest=digest
+        )
 
     def _send(self, ticket: Ticket) -> None:
         try:
-            self._source.complete(self._request(ticket))
+            answer = self._source.complete(self._request(ticket))
         except Faulty as error:
-            self._n_faults[ticket] += 1
-            if self._n_faults[ticket] < MOST_FAULTS:
+            # The others first: whether they are taken shows whose fault it is.
+            self._unreported[ticket] = self._unreported.pop(ticket)
+            if self._is_given_up(ticket):
+                self._replace(ticket, error)
+            else:
                 raise
-            self._replace(ticket, error)
         except Unacceptable as error:
             self._replace(ticket, error)
         except StaleAttempt as error:
             # Somebody else has the job now; the fence has done its work.
-            log.info("%s", error, extra=_ids(ticket))
+            level = logging.WARNING if ticket in self._kept else logging.INFO
+            log.log(level, "%s", error, extra=_ids(ticket))
             self._settle(ticket)
         else:
-            self._settle(ticket)
+            self._taken(ticket, answer)
+
+    def _is_given_up(self, ticket: Ticket) -> bool:
+        """Count a failure over a report, unless the source has not been well since the last one."""
+        if self._n_writes_then.get(ticket) != self._n_writes:
+            self._n_writes_then[ticket] = self._n_writes
+            self._n_faults[ticket] += 1
+        return self._n_faults[ticket] >= MOST_FAULTS
+
+    def _taken(self, ticket: Ticket, answer: CompleteAnswer) -> None:
+        self._n_writes += 1
+        if ticket in self._adopted and self._unreported[ticket].ending in RESULTS and answer.state != "done":
+            self._set_aside(ticket, f"expected an open job, got one that is {answer.state}; requeue it")
+        if ticket in self._kept:
+            log.warning("job %d: the outcome that waited is handed in", ticket.job_id, extra=_ids(ticket))
+        self._settle(ticket)
 
     def _settle(self, ticket: Ticket) -> None:
         del self._unreported[ticket]
+        self._digests.pop(ticket, None)
         self._n_faults.pop(ticket, None)
-        self._line.succeeded()
+        self._n_writes_then.pop(ticket, None)
+        self._adopted.discard(ticket)
+        if ticket in self._kept and self._outbox is not None:
+            self._kept.discard(ticket)
+            self._outbox.remove(ticket)
+        self._heard()
         self._idle.succeeded()
 
     def _replace(self, ticket: Ticket, error: SourceError) -> None:
-        """Report, in place of what is not taken, that it is not, so that somebody sees it."""
+        """Put aside what is not taken, and report in its place that it is not, so that somebody sees it."""
         text = "job %d: expected a report that is accepted, got %s"
         log.error(text, ticket.job_id, error, extra=_ids(ticket))
-        if self._unreported[ticket].ending is Ending.ERROR:
-            # Not even this: the job comes back when its lease has run out.
+        where = self._set_aside(ticket, str(error)) if self._unreported[ticket].solves else ""
+        if self._unreported[ticket].ending is Ending.ERROR or ticket in self._adopted:
+            # Not even this, or a job of which we know nothing more: it comes back when its lease has run out.
             self._settle(ticket)
             return
-        self._unreported[ticket] = JobOutcome(ending=Ending.ERROR, error=f"report: {error}")
+        self._unreported[ticket] = JobOutcome(ending=Ending.ERROR, error=f"report: {error}{where}")
         self._n_faults.pop(ticket, None)
 
+    def _set_aside(self, ticket: Ticket, reason: str) -> str:
+        """Write an outcome that is refused where somebody may look at it; return words that say where."""
+        path = self._outbox and self._outbox.set_aside(self._with_digest(ticket))
+        self._kept.discard(ticket)
+        if path is None:
+            return ""
+        log.error("job %d: its outcome is kept in %s: %s", ticket.job_id, path, reason, extra=_ids(ticket))
+        return f"; the outcome is kept in {path}"
+
+    def _with_digest(self, ticket: Ticket) -> CompleteRequest:
+        return self._request(ticket).model_copy(update={"job_digest": self._digests.get(ticket)})
+
+    def _adopt(self) -> None:
+        """Take over what an earlier dispatcher could not hand in."""
+        for report in self._outbox.reports() if self._outbox is not None else ():
+            ticket = Ticket(report.job_id, report.attempt)
+            self._unreported[ticket] = report.outcome
+            self._digests[ticket] = report.job_digest or ""
+            self._kept.add(ticket)
+            self._adopted.add(ticket)
+        if self._adopted:
+            log.warning("%d outcomes of an earlier dispatcher are handed in first", len(self._adopted))
+
+    def _keep(self) -> None:
+        """Write down what waits to be reported: this process may not live until the source is back."""
+        if self._outbox is None:
+            return
+        for ticket, outcome in self._unreported.items():
+            if outcome.solves and ticket not in self._kept and self._outbox.put(self._with_digest(ticket)):
+                self._kept.add(ticket)
+
+    def _leave(self) -> None:
+        self._keep()
+        if self._kept and self._outbox is not None:
+            text = "%d outcomes are not handed in; the next dispatcher offers them from %s"
+            log.warning(text, len(self._kept), self._outbox.folder)
+
+    def _heard(self) -> None:
+        self._line.succeeded()
+        self._outage.end()
+
     def _wait(self, error: Unreachable) -> None:
-        log.warning("%s; asked again in %.1f s", error, self._line.failed(error.wait_s))
+        self._line.failed(error.wait_s)
+        self._keep()
+        n = len(self._unreported)
+        text = f"{error}; asked again until it works; outcomes that wait to be handed in: {n}"
+        if self._outbox is not None and self._kept:
+            text += f", {len(self._kept)} of them in {self._outbox.folder}"
+        self._outage.tell(text)
 
     def _drain(self) -> None:
         for force, patience_s in ((False, GRACE_S), (True, REPORT_S)):

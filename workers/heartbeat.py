@@ -1,6 +1,5 @@
 """Heartbeats on a thread of their own: a solve in the dispatcher's thread must never delay them."""
 
-import logging
 import queue
 import threading
 import time
@@ -10,9 +9,8 @@ from typing import Self
 from workers.backoff import Backoff
 from workers.executor import Ticket
 from workers.job import MOST_HELD, HeartbeatAnswer, HeartbeatRequest, HeldJob, WorkerInfo
+from workers.outage import Outage
 from workers.source import JobSource, Unreachable
-
-log = logging.getLogger(__name__)
 
 #: How soon after its start a worker is heard of, before it knows how often it has to be [s].
 FIRST_PERIOD_S = 0.25
@@ -24,13 +22,18 @@ class Heartbeat:
     """Says again and again what is held, and collects the answers."""
 
     def __init__(
-        self, source: JobSource, info: Callable[[], WorkerInfo], held: Callable[[], Sequence[Ticket]]
+        self,
+        source: JobSource,
+        info: Callable[[], WorkerInfo],
+        held: Callable[[], Sequence[Ticket]],
+        outage: Outage,
     ) -> None:
         #: As the source wants it [s].
         self.period_s = FIRST_PERIOD_S
         self._source = source
         self._info = info
         self._held = held
+        self._outage = outage
         self._answers: queue.SimpleQueue[HeartbeatAnswer] = queue.SimpleQueue()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="heartbeat", daemon=True)
@@ -78,7 +81,7 @@ class Heartbeat:
                 backoff.succeeded()
                 pause_s = min(LOOK_S, max(0.0, next_beat - time.monotonic()))
             except Unreachable as error:
-                log.warning("heartbeat: %s", error)
+                self._outage.tell(f"heartbeat: {error}")
                 pause_s = min(backoff.failed(error.wait_s), self.period_s)
             except Exception as fault:
                 self._fault = fault

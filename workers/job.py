@@ -4,6 +4,7 @@ A job says everything that its run needs, so that it gives the same result where
 it runs.  Decision vectors are in the paper layout and public units (days, throttle [-], rad, kg).
 """
 
+import hashlib
 import json
 from enum import StrEnum
 from typing import Annotated, Any, Literal
@@ -35,6 +36,10 @@ class Ending(StrEnum):
     CRASH = "crash"
     LOST = "lost"
     CANCELLED = "cancelled"
+
+
+#: Endings that are results; a job whose attempt ended so is done.
+RESULTS = (Ending.FEASIBLE, Ending.INFEASIBLE, Ending.NUMERICAL, Ending.TIMEOUT)
 
 
 class Message(BaseModel):
@@ -132,6 +137,11 @@ def wall_limit_s(job: HopJob | MapJob) -> float:
     cap = job.settings.cpu_seconds * (1 + len(job.problem.get("outages", ())))
     n_solves = job.n_hops if isinstance(job, HopJob) else 1
     return n_solves * (WALL_FACTOR * cap + WALL_MARGIN_S) + HANG_MARGIN_S
+
+
+def job_digest(job: HopJob | MapJob) -> str:
+    """Return what tells a job from all others, of this archive or of another."""
+    return hashlib.blake2b(job.model_dump_json().encode(), digest_size=16).hexdigest()
 
 
 class Provenance(Message):
@@ -288,6 +298,9 @@ class CompleteRequest(Message):
     job_id: RowId
     attempt: RowId
     outcome: JobOutcome
+    #: `job_digest` of what was claimed, of a report that waited in a file: another archive may have a job of
+    #: the same number.
+    job_digest: Annotated[str, Field(pattern="^[0-9a-f]{32}$")] | None = None
 
 
 #: The reports of one request, at most.

@@ -30,9 +30,11 @@ class SourceError(UserError, RuntimeError):
 class Unreachable(SourceError):
     """No answer now; the same may be asked again, and `wait_s` is how soon at the earliest."""
 
-    def __init__(self, detail: str, wait_s: float = 0.0) -> None:
+    def __init__(self, detail: str, wait_s: float = 0.0, status: int | None = None) -> None:
         super().__init__(detail)
         self.wait_s = wait_s
+        #: None where nobody answered.
+        self.status = status
 
 
 class Faulty(Unreachable):

@@ -29,7 +29,16 @@ from service.access.security import (
     seen_from,
 )
 from service.access.tokens import COOKIE, OWNER, Identity
-from service.api.errors import failed, forbidden, problem_response, too_many, unauthorized, unrouted
+from service.api.errors import (
+    failed,
+    forbidden,
+    problem_response,
+    too_many,
+    unauthorized,
+    unavailable,
+    unrouted,
+)
+from service.db.errors import Unavailable
 from service.store import Store
 from service.store.identity import RefusedToken
 
@@ -134,6 +143,10 @@ class Guard:
                 visit.identity = await run_in_threadpool(self._identity, visit.headers)
             except RefusedToken as error:
                 reason = str(error)
+            except Unavailable as error:
+                # Nobody knows now whether this is somebody.
+                self._store.outage.tell(error)
+                return unavailable(error)
         if wait := self._wait(visit):
             return too_many("requests: expected fewer of them, got too many at once", wait)
         return None if roles is ANYONE else _by_role(visit, roles, reason)
@@ -191,8 +204,10 @@ class Guard:
             return
         try:
             self._store.identities.record(who, visit.address, visit.method, visit.path[:500], status)
+        except Unavailable as error:
+            # The answer stands whether or not it could be written down.
+            self._store.outage.tell(error)
         except Exception:
-            # The answer stands whether or not it could be written down; a full disk is in the log.
             log.exception("audit: %s %s -> %d not written", visit.method, visit.line, status)
 
 

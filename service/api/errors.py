@@ -15,7 +15,7 @@ from core.faults import fault_lines
 from core.problem import ProblemError
 from service.access.request_body import BodyFault
 from service.api.schemas import Fault
-from service.db.errors import WriteFault
+from service.db.errors import Unavailable, WriteFault
 from service.portable.errors import PortableConflict, PortableError
 from service.spec import SpecError
 from service.store import StoreError, UnknownRow
@@ -30,8 +30,8 @@ REFUSALS: dict[int | str, dict[str, Any]] = {
     status: {"model": Fault, "content": {"application/problem+json": {}}}
     for status in (401, 403, 404, 413, 422, 429, 503)
 }
-#: After which a write is worth trying again [s].
-WRITE_PAUSE_S = 5
+#: After which an archive that could not be used is worth trying again [s].
+ARCHIVE_PAUSE_S = 5
 
 UNROUTED = {
     404: "path: expected one of this service, got {path}; the list is at /api/v1/openapi.json",
@@ -69,6 +69,13 @@ def forbidden(detail: str) -> JSONResponse:
 def too_many(detail: str, seconds: int) -> JSONResponse:
     """Return the refusal of somebody who asks too often."""
     return problem_response(429, f"{detail}; wait {seconds} s", {"Retry-After": str(seconds)})
+
+
+def unavailable(error: Unavailable) -> JSONResponse:
+    """Return the refusal of an archive that cannot be used now; where it is is for the log alone."""
+    expected = "take a write" if isinstance(error, WriteFault) else "answer"
+    detail = f"archive: expected to {expected}, got a fault; what was stored before is kept"
+    return problem_response(503, detail, {"Retry-After": str(ARCHIVE_PAUSE_S)}, code="archive_unavailable")
 
 
 def unrouted(method: str, path: str, verbs: Collection[str]) -> JSONResponse:
@@ -127,12 +134,10 @@ def add_error_handlers(app: FastAPI) -> None:
     def stale(_: Request, error: StaleAttempt) -> JSONResponse:
         return problem_response(409, str(error), code="stale_attempt")
 
-    @app.exception_handler(WriteFault)
-    def unwritten(_: Request, error: WriteFault) -> JSONResponse:
-        # Where the archive is and what the driver says of it is for the log alone.
-        log.error("%s", error)
-        detail = "archive: expected to take a write, got a fault; what was stored before is kept"
-        return problem_response(503, detail, {"Retry-After": str(WRITE_PAUSE_S)})
+    @app.exception_handler(Unavailable)
+    def unusable_archive(request: Request, error: Unavailable) -> JSONResponse:
+        request.app.state.store.outage.tell(error)
+        return unavailable(error)
 
     @app.exception_handler(Exception)
     def bug(_: Request, error: Exception) -> JSONResponse:

@@ -11,6 +11,7 @@ from starlette.concurrency import run_in_threadpool
 
 from service.api.context import After, CampaignWanted, Id, Limit, StoreHere
 from service.api.schemas import EventPage
+from service.db.errors import Unavailable
 from service.store import Store
 
 router = APIRouter(tags=["events"])
@@ -36,10 +37,14 @@ def list_events(
     return EventPage(items=store.events(after, campaign, limit))
 
 
-def _campaign_exists(campaign_id: Id, store: StoreHere) -> Id:
-    # Before the stream begins, since afterwards there is no status left to send.
+def _latest(store: StoreHere) -> int:
+    # Before a stream begins, since afterwards there is no status left to send.
+    return store.last_event_id(None)
+
+
+def _latest_of_campaign(campaign_id: Id, store: StoreHere) -> int:
     store.campaign(campaign_id)
-    return campaign_id
+    return store.last_event_id(campaign_id)
 
 
 _STREAM: dict[int | str, dict[str, Any]] = {200: {"content": {"text/event-stream": {"example": EXAMPLE}}}}
@@ -60,15 +65,18 @@ ResumeAt = Annotated[Resume, Depends()]
 
 
 @router.get("/events/stream", response_class=EventSourceResponse, responses=_STREAM)
-async def follow_all(store: StoreHere, request: Request, resume: ResumeAt) -> AsyncIterator[ServerSentEvent]:
+async def follow_all(
+    latest: Annotated[int, Depends(_latest)], store: StoreHere, request: Request, resume: ResumeAt
+) -> AsyncIterator[ServerSentEvent]:
     """Stream the events of all campaigns, as that of one campaign does."""
-    async for event in _stream(store, request, None, resume):
+    async for event in _stream(store, request, None, resume, latest):
         yield event
 
 
 @router.get("/campaigns/{campaign_id}/events", response_class=EventSourceResponse, responses=_STREAM)
 async def follow_campaign(
-    campaign_id: Annotated[int, Depends(_campaign_exists)],
+    campaign_id: Id,
+    latest: Annotated[int, Depends(_latest_of_campaign)],
     store: StoreHere,
     request: Request,
     resume: ResumeAt,
@@ -78,20 +86,24 @@ async def follow_campaign(
     Without a place to resume, the stream begins with the latest event: whoever reads the campaign anew at
     each event has then missed nothing between an earlier reading and the start of the stream.
     """
-    async for event in _stream(store, request, campaign_id, resume):
+    async for event in _stream(store, request, campaign_id, resume, latest):
         yield event
 
 
 async def _stream(
-    store: Store, request: Request, campaign_id: int | None, resume: Resume
+    store: Store, request: Request, campaign_id: int | None, resume: Resume, latest: int
 ) -> AsyncIterator[ServerSentEvent]:
-    latest = await run_in_threadpool(store.last_event_id, campaign_id)
     # Ids beyond the latest come from before a backup was restored; waiting for them would be waiting long.
     last = max(0, latest - 1) if resume.after is None else min(resume.after, latest)
     yield ServerSentEvent(retry=RETRY_MS)
     end = time.monotonic() + LIFETIME_S
     while time.monotonic() < end and not request.app.state.is_closing():
-        events = await run_in_threadpool(store.events, last, campaign_id, PAGE)
+        try:
+            events = await run_in_threadpool(store.events, last, campaign_id, PAGE)
+        except Unavailable as error:
+            # A browser comes back after a stream that broke, but not after a refusal: so the stream stays.
+            store.outage.tell(error)
+            events = []
         for event in events:
             last = event.id
             yield ServerSentEvent(id=str(last), data=event)

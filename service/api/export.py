@@ -3,6 +3,7 @@
 import csv
 import io
 from collections.abc import Iterable, Iterator
+from itertools import chain, islice
 from typing import Any
 
 from service.api.schemas import Record, RecordWithVector
@@ -28,6 +29,11 @@ def ndjson_lines(pages: Iterable[list[RecordWithVector]]) -> Iterator[str]:
     """Yield each page, one record a line."""
     for page in pages:
         yield "".join(record.model_dump_json() + "\n" for record in page)
+
+
+def begun(pieces: Iterator[str]) -> Iterator[str]:
+    """Return the same pieces, the first of which is there: what fails before it can still be refused."""
+    return chain(list(islice(pieces, 2)), pieces)
 
 
 def _table(rows: Iterable[Iterable[Any]]) -> str:

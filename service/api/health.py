@@ -93,7 +93,7 @@ def _archive(store: Store) -> str:
 def _dispatcher(store: Store) -> str:
     try:
         is_there = store.gauges.n_workers() > 0
-    except SQLAlchemyError:
+    except (DatabaseError, SQLAlchemyError):
         return "expected an archive that tells, got a fault; see the log"
     lease = f"{store.leases.lease_s:g} s"
     return "ok" if is_there else NO_DISPATCHER.replace("30 s", lease)

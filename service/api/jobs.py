@@ -11,6 +11,7 @@ from fastapi import APIRouter, Body
 
 from service.api.context import After, CampaignWanted, Id, Limit, SearchWanted, StoreHere
 from service.api.schemas import Fault, JobPage, JobState, JobView, WorkerPage
+from service.store.dispatch import Report
 from workers.executor import Ticket
 from workers.job import (
     ClaimAnswer,
@@ -96,9 +97,10 @@ def complete_job(
 ) -> CompleteAnswer:
     """Take back an outcome; the same report again gets the same answer.
 
-    An attempt that no longer holds the job changes nothing (409, `stale_attempt`).
+    An attempt that no longer holds the job changes nothing (409, `stale_attempt`).  One whose lease ran out
+    is taken all the same if it brings a result and nobody has claimed the job since.
     """
-    return store.complete(Ticket(request.job_id, request.attempt), request.outcome)
+    return store.complete_many([_report(request)])[0]
 
 
 @router.post("/jobs/complete-many", responses=CONFLICT)
@@ -112,8 +114,12 @@ def complete_jobs(
 
     If one of them is refused, none is stored; sent one by one, the others are taken.
     """
-    reports = [(Ticket(one.job_id, one.attempt), one.outcome) for one in request.reports]
-    return CompleteManyAnswer(answers=tuple(store.complete_many(reports)))
+    answers = store.complete_many([_report(one) for one in request.reports])
+    return CompleteManyAnswer(answers=tuple(answers))
+
+
+def _report(request: CompleteRequest) -> Report:
+    return Report(Ticket(request.job_id, request.attempt), request.outcome, request.job_digest)
 
 
 @router.post("/jobs/{job_id}/cancel", responses=CONFLICT)

@@ -6,7 +6,7 @@ from fastapi import APIRouter, HTTPException, Query
 from fastapi.responses import StreamingResponse
 
 from service.api.context import Hash, Limit, StoreHere
-from service.api.export import CSV, NDJSON, csv_lines, ndjson_lines
+from service.api.export import CSV, NDJSON, begun, csv_lines, ndjson_lines
 from service.api.schemas import RecordPage
 from service.api.solution_filter import FilterWanted
 from service.api.solution_schemas import RecordInFull
@@ -60,8 +60,8 @@ def list_solutions(
     pages = store.record_pages(wanted)
     name = {"Content-Disposition": f'attachment; filename="solutions.{format}"'}
     if format == "csv":
-        return StreamingResponse(csv_lines(pages), media_type=CSV, headers=name)
-    return StreamingResponse(ndjson_lines(pages), media_type=NDJSON, headers=name)
+        return StreamingResponse(begun(csv_lines(pages)), media_type=CSV, headers=name)
+    return StreamingResponse(begun(ndjson_lines(pages)), media_type=NDJSON, headers=name)
 
 
 @router.get("/solutions/{solution_id}")

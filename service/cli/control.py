@@ -20,12 +20,14 @@ from service.api.schemas import (
     WorkerView,
 )
 from service.cli import terminal
+from service.cli.faults import complain
 from service.cli.options import DATA, DEFAULT_URL, Data, Json, MaybeUrl, Url, client_of, console, print_json
 from service.client import Client, ClientError, Verb
 from service.scheduler.states import ENDED
 from service.spec.search_spec import SeedOrder
 from service.store import Store
 from service.store.seeds import SeedsWanted
+from workers.client import PASSING
 
 Campaign = Annotated[str, typer.Argument(help="Id or name of a campaign.")]
 Search = Annotated[str | None, typer.Option(help="Only this search of it.")]
@@ -263,11 +265,21 @@ def _watch(client: Client, campaign_id: int) -> None:
     with Live(terminal.progress(view), console=console, transient=True, auto_refresh=False) as live:
         for _ in events_of(client, campaign_id):
             began = time.monotonic()
-            view = client.campaign(campaign_id)
+            view = _seen(client, campaign_id) or view
             if console.is_terminal:
                 live.update(terminal.progress(view), refresh=True)
             time.sleep(max(0.0, began + PERIOD_S - time.monotonic()))
     console.print(terminal.summary(client.campaign(campaign_id)))
+
+
+def _seen(client: Client, campaign_id: int) -> CampaignView | None:
+    """Return a campaign as it is now, or None where the coordinator cannot say."""
+    try:
+        return client.campaign(campaign_id)
+    except ClientError as error:
+        if error.status in (None, *PASSING):
+            return None
+        raise
 
 
 def events_of(client: Client, campaign_id: int) -> Iterator[EventView]:
@@ -277,6 +289,7 @@ def events_of(client: Client, campaign_id: int) -> Iterator[EventView]:
     """
     last: int | None = None
     heard = time.monotonic()
+    is_away = False
     while True:
         try:
             for event in _newer(client, campaign_id, last):
@@ -286,10 +299,15 @@ def events_of(client: Client, campaign_id: int) -> Iterator[EventView]:
                     break
             if client.campaign(campaign_id).state in ENDED:
                 return
-            heard = time.monotonic()
+            heard, is_away = time.monotonic(), False
         except ClientError as error:
-            # A coordinator may be started anew meanwhile, and goes on where it was.
-            if error.status is not None or time.monotonic() - heard > PATIENCE_S:
+            if error.status in PASSING:
+                # It is there and its archive is not, which may last: said once, and waited for.
+                if not is_away:
+                    complain(f"{error}; waiting until it works again")
+                heard, is_away = time.monotonic(), True
+            elif error.status is not None or time.monotonic() - heard > PATIENCE_S:
+                # A coordinator may be started anew meanwhile, and goes on where it was.
                 raise
         time.sleep(PERIOD_S)
 

@@ -15,9 +15,11 @@ from service.cli import terminal
 from service.cli.faults import complain
 from service.cli.options import DATA, DEFAULT_PORT, WORKERS, Data, SpecFile, Workers, console
 from service.coordinator import Coordinator, Crew
+from service.db.errors import Unavailable
 from service.scheduler.states import ENDED
 from service.spec import load_spec
 from service.spec.resolve import require_flyable
+from service.store import Store
 from workers.dispatch import RUNNER, ExecutorKind
 
 Host = Annotated[str, typer.Option(help="Address to serve on; another than loopback asks for tokens.")]
@@ -134,7 +136,7 @@ def _follow(console: Console, coordinator: Coordinator, campaign_id: int) -> Non
     view = store.campaign(campaign_id)
     next_look = time.monotonic() + period
     with Live(terminal.progress(view), console=console, transient=True, auto_refresh=False) as live:
-        while store.campaign_state(campaign_id) not in ENDED:
+        while not _has_ended(store, campaign_id):
             time.sleep(STATE_PERIOD_S)
             coordinator.raise_fault()
             if time.monotonic() < next_look:
@@ -142,11 +144,24 @@ def _follow(console: Console, coordinator: Coordinator, campaign_id: int) -> Non
                 continue
             # From now: a machine that slept would else get a line for every period that it missed.
             next_look = time.monotonic() + period
-            view = store.campaign(campaign_id)
+            try:
+                view = store.campaign(campaign_id)
+            except Unavailable as error:
+                store.outage.tell(error)
+                continue
             if console.is_terminal:
                 live.update(terminal.progress(view), refresh=True)
             else:
                 console.print(terminal.progress_line(view), highlight=False)
+
+
+def _has_ended(store: Store, campaign_id: int) -> bool:
+    try:
+        return store.campaign_state(campaign_id) in ENDED
+    except Unavailable as error:
+        # The database may come back; what workers have done meanwhile, they keep.
+        store.outage.tell(error)
+        return False
 
 
 def serve_until_interrupted(coordinator: Coordinator, crew: Crew) -> None:

@@ -22,14 +22,17 @@ from service.coordinator.history_reader import read_history
 from service.coordinator.lock import FolderLock
 from service.coordinator.reaper import Reaper
 from service.coordinator.supervisor import Supervisor
-from service.db.engine import unusable
+from service.db.engine import Unavailable, unusable
 from service.scheduler.leases import LeaseSettings
 from service.settings import Settings
 from service.store import Store
 from workers.dispatch import RUNNER, DispatchOrder, ExecutorKind
+from workers.outage import Outage
 
 #: How long the web server may take to start or to stop [s].
 SERVER_PATIENCE_S = 10.0
+#: How often a database server is asked that does not answer at the start [s].
+DATABASE_PERIOD_S = 2.0
 #: How the names of the tokens of own dispatchers begin; each is made anew at every start, and nobody else
 #: has it [days].
 TOKEN_NAME, TOKEN_DAYS = "own dispatcher", 3650.0
@@ -146,7 +149,7 @@ class Coordinator:
         with ExitStack() as opened:
             listener = opened.enter_context(open_port(*self._address))
             opened.enter_context(self._lock)
-            self.store = opened.enter_context(Store(self._folder, leases=self._leases))
+            self.store = opened.enter_context(self._opened())
             self._name = local_name(self._folder, self._lock.folder_id)
             self.n_recovered = self.store.recover(local_prefix(self._name))
             host = self._address[0]
@@ -174,6 +177,16 @@ class Coordinator:
         self.store.close()
         self._lock.__exit__()
 
+    def _opened(self) -> Store:
+        """Return the archive; a database server that does not answer yet is waited for."""
+        outage = Outage("archive")
+        while True:
+            try:
+                return Store(self._folder, leases=self._leases)
+            except Unavailable as error:
+                outage.tell(CoordinatorError(f"{error}; it is asked again every {DATABASE_PERIOD_S:g} s"))
+                time.sleep(DATABASE_PERIOD_S)
+
     @property
     def url(self) -> str:
         """Where the page is."""
@@ -197,6 +210,7 @@ class Coordinator:
                 n_workers=crew.n_workers,
                 # Beside the archive, where a service may write; a home need not be.
                 cluster_token=self._folder / "ray.token" if crew.executor is ExecutorKind.RAY else None,
+                outbox=self._folder / "outbox",
                 campaign_id=campaign_id,
                 runner=crew.runner,
                 prefix=local_prefix(self._name),

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from sqlalchemy.exc import SQLAlchemyError
 
-from service.db.engine import DatabaseError
+from service.db.engine import DatabaseError, Unavailable
 from service.store import Store
 
 log = logging.getLogger(__name__)
@@ -40,6 +40,9 @@ class Reaper:
         try:
             n_lost = self._store.reap()
             self._store.prune()
+        except Unavailable as error:
+            self._store.outage.tell(error)
+            return 0
         except (SQLAlchemyError, DatabaseError):
             # A full disk may have room again by the next time; leases wait in the database.
             log.exception("reaping failed")

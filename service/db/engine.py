@@ -13,17 +13,26 @@ from pathlib import Path
 from typing import TypeVar
 
 from sqlalchemy import Engine
-from sqlalchemy.exc import DBAPIError
+from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 from sqlalchemy.orm import Session
 
 from service.db import postgres, sqlite_file
 from service.db.dialect import create_tables, is_empty, read_version
-from service.db.errors import DatabaseError, WriteFault, no_archive, unusable, write_fault
+from service.db.errors import (
+    DatabaseError,
+    Unavailable,
+    WriteFault,
+    no_archive,
+    read_fault,
+    unusable,
+    write_fault,
+)
 from service.db.place import Place, shown
 from service.db.tables import SCHEMA_VERSION
 from service.db.write_times import WriteTimes
+from workers.outage import Outage
 
-__all__ = ["Database", "DatabaseError", "Moment", "WriteFault", "unusable"]
+__all__ = ["Database", "DatabaseError", "Moment", "Unavailable", "WriteFault", "unusable"]
 
 T = TypeVar("T")
 
@@ -44,6 +53,7 @@ class Database:
         #: Called in every write; what it raises ends the write.
         self.hook: Callable[[Moment], None] = lambda moment: None
         self.write_times = WriteTimes()
+        self.outage = Outage("archive")
         self._lock = threading.Lock()
         self._writer: Engine | None = None
         if isinstance(place, Path):
@@ -72,11 +82,12 @@ class Database:
                     answer = work(session)
                     session.flush()
                     self.hook(Moment.BEFORE_COMMIT)
-            except DBAPIError as error:
+            except SQLAlchemyError as error:
                 if fault := write_fault(self.name, error):
                     self.write_times.add_fault()
                     raise fault from error
                 raise
+        self.outage.end()
         self.write_times.add(time.perf_counter() - begin)
         self.hook(Moment.AFTER_COMMIT)
         return answer
@@ -84,8 +95,13 @@ class Database:
     @contextmanager
     def read(self) -> Iterator[Session]:
         """Give a session that sees one state of the database and cannot write."""
-        with Session(self._reader, expire_on_commit=False) as session:
-            yield session
+        try:
+            with Session(self._reader, expire_on_commit=False) as session:
+                yield session
+        except SQLAlchemyError as error:
+            if fault := read_fault(self.name, error):
+                raise fault from error
+            raise
 
     def close(self) -> None:
         """Close all connections; the last one of an SQLite file empties its journal if it can write."""
@@ -111,7 +127,8 @@ class Database:
         if isinstance(self.place, Path):
             return unusable(self.place, error.orig)
         reason = str(error.orig).strip().splitlines()[-1]
-        return DatabaseError(
+        kind = Unavailable if postgres.may_pass(reason) else DatabaseError
+        return kind(
             f"archive {self.name}: expected a PostgreSQL database, got {reason}; "
             f"look at COASTARC_DATABASE_URL and at the server"
         )

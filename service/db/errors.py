@@ -1,13 +1,14 @@
-"""What is wrong with the place of an archive, or with writing to it.
+"""What is wrong with the place of an archive, or with reading and writing it.
 
 DatabaseError(RuntimeError)    no archive of this version, or none at all
-    WriteFault                 a write that the place did not take; what was stored before is kept
+    Unavailable                a place that cannot be used now, and perhaps can be later
+        WriteFault             a write that the place did not take; what was stored before is kept
 """
 
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy.exc import DBAPIError
+from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError, SQLAlchemyError, TimeoutError
 
 from core.faults import UserError
 
@@ -16,7 +17,11 @@ class DatabaseError(UserError, RuntimeError):
     """A place that holds no archive of this version, or none at all."""
 
 
-class WriteFault(DatabaseError):
+class Unavailable(DatabaseError):
+    """A place that cannot be used now, and perhaps can be later; what is stored is kept."""
+
+
+class WriteFault(Unavailable):
     """A write that the place did not take; what was stored before is kept."""
 
 
@@ -38,11 +43,14 @@ def no_archive(place: Path) -> DatabaseError:
 #: SQLite's primary codes of faults outside of our program, with what helps.
 SQLITE_FAULTS = {
     5: ("to be the only writer", "stop the other program"),  # BUSY
+    6: ("to be the only writer", "stop the other program"),  # LOCKED
+    7: ("memory for its work", "free some memory"),  # NOMEM
     8: ("one to write in", "make it writable"),  # READONLY
     10: ("a disk that works", "look at the disk"),  # IOERR
     11: ("a whole file", "restore a backup with `coastarc db restore`"),  # CORRUPT
     13: ("room to write", "free some space"),  # FULL
     14: ("a file that opens", "look at the folder"),  # CANTOPEN
+    15: ("to be the only writer", "stop the other program"),  # PROTOCOL
     26: ("an SQLite archive", "restore a backup with `coastarc db restore`"),  # NOTADB
 }
 #: The same by the beginnings of PostgreSQL's SQLSTATE; no state at all is no connection.
@@ -50,35 +58,60 @@ POSTGRES_FAULTS = {
     "": ("a server that answers", "start PostgreSQL"),
     "08": ("a server that answers", "start PostgreSQL"),
     "25006": ("one to write in", "connect to the primary server"),
+    "40": ("to be the only writer", "stop the other program"),
     "53100": ("room to write", "free some space"),
     "53": ("a server with room", "look at its limits"),
     "55P03": ("to be the only writer", "stop the other program"),
     "57": ("a server that stays", "start PostgreSQL"),
     "58": ("a disk that works", "look at the server's log"),
+    "XX001": ("whole tables", "look at the server's log"),
+    "XX002": ("whole indexes", "look at the server's log"),
 }
+#: Every connection of this process is in use.
+BUSY = ("a connection that is free", "ask less at a time")
 
 
-def write_fault(place: str, error: DBAPIError) -> WriteFault | None:
+def write_fault(place: str, error: SQLAlchemyError) -> WriteFault | None:
     """Return what a driver's error says of the place, or None where it is about what was written."""
-    found = _known(error.orig, error.connection_invalidated)
+    if found := _known(error):
+        expected, reason, remedy = found
+        return WriteFault(
+            f"archive {place}: expected {expected}, got {reason}; {remedy} and start again: "
+            f"what was stored before is kept"
+        )
+    return None
+
+
+def read_fault(place: str, error: SQLAlchemyError) -> Unavailable | None:
+    """Return what a driver's error says of the place, or None where it is about what was asked."""
+    if found := _known(error):
+        expected, reason, remedy = found
+        return Unavailable(f"archive {place}: expected {expected}, got {reason}; {remedy}")
+    return None
+
+
+def _known(error: SQLAlchemyError) -> tuple[str, str, str] | None:
+    """Return what is expected of a place, what it said, and what helps."""
+    if isinstance(error, TimeoutError):
+        return BUSY[0], "none in time", BUSY[1]
+    if not isinstance(error, DBAPIError):
+        return None
+    code = getattr(error.orig, "sqlite_errorcode", None)
+    found = SQLITE_FAULTS.get(code & 0xFF) if code is not None else _known_of_postgres(error)
     if found is None:
         return None
-    expected, remedy = found
-    reason = str(error.orig).strip().splitlines()[0]
-    return WriteFault(
-        f"archive {place}: expected {expected}, got {reason}; {remedy} and start again: "
-        f"what was stored before is kept"
-    )
+    said = str(error.orig).strip().splitlines()
+    return found[0], said[0] if said else type(error.orig).__name__, found[1]
 
 
-def _known(cause: Any, is_disconnected: bool) -> tuple[str, str] | None:
-    code = getattr(cause, "sqlite_errorcode", None)
-    if code is not None:
-        return SQLITE_FAULTS.get(code & 0xFF)
-    state = "" if is_disconnected else getattr(cause, "sqlstate", None)
-    if state is None:
+def _known_of_postgres(error: DBAPIError) -> tuple[str, str] | None:
+    cause: Any = error.orig
+    if not hasattr(cause, "sqlstate"):
         return None
-    return next(
-        (POSTGRES_FAULTS[state[:n]] for n in (5, 2, 0) if n <= len(state) and state[:n] in POSTGRES_FAULTS),
-        None,
-    )
+    state = cause.sqlstate
+    # Whoever is refused a connection, for whatever reason, gets an error without a state.
+    is_unconnected = state is None and isinstance(error, OperationalError | InterfaceError)
+    if error.connection_invalidated or is_unconnected:
+        return POSTGRES_FAULTS[""]
+    beginnings = (state[:5], state[:2]) if state else ()
+    return next((POSTGRES_FAULTS[begin] for begin in beginnings if begin in POSTGRES_FAULTS), None)

@@ -14,6 +14,10 @@ from service.db.errors import DatabaseError
 WRITER_LOCK = 0x636F617374617263
 #: How long a write waits for that of another process [ms].
 LOCK_TIMEOUT_MS = 30_000
+#: How long a server may take to let somebody in [s]; a machine that is gone says nothing at all.
+CONNECT_TIMEOUT_S = 10
+#: What a server says that lets nobody in for now: it starts, stops, recovers, or is full.
+PASSING = ("starting up", "shutting down", "recovery", "not yet accepting", "too many", "connection slots")
 
 
 def writer_engine(url: URL) -> Engine:
@@ -34,7 +38,9 @@ def reader_engine(url: URL) -> Engine:
 def _engine(url: URL, options: str, **settings: Any) -> Engine:
     if given := url.query.get("options"):
         options = f"{given if isinstance(given, str) else ' '.join(given)} {options}"
-    url = url.update_query_dict({"options": options, "application_name": "coastarc"})
+    timeout = url.query.get("connect_timeout", str(CONNECT_TIMEOUT_S))
+    ours = {"options": options, "application_name": "coastarc", "connect_timeout": timeout}
+    url = url.update_query_dict(ours)
     try:
         # Asked first, so that a server that was started again is not taken for a fault.
         return create_engine(url, pool_pre_ping=True, **settings)
@@ -43,6 +49,14 @@ def _engine(url: URL, options: str, **settings: Any) -> Engine:
             "database: expected the package psycopg for PostgreSQL, got none; "
             "install it: pip install -c constraints.txt -e '.[postgres]'"
         ) from error
+
+
+def may_pass(reason: str) -> bool:
+    """Return whether a server that let nobody in may do so later, by what it said.
+
+    Only a server that is there says FATAL; who is refused by it for good has to look at name or password.
+    """
+    return "FATAL" not in reason or any(words in reason for words in PASSING)
 
 
 def _on_begin(connection: Any) -> None:

@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Sequence
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 from sqlalchemy import bindparam, update
 from sqlalchemy.orm import Session
@@ -15,6 +15,7 @@ from service.logs import say
 from service.scheduler import plan
 from service.scheduler.leases import backoff_s
 from service.store.archive import add_solve
+from service.store.claims import Turn, message_of, seeds_of
 from service.store.errors import StoreError, UnknownRow
 from service.store.events import noted_job, store
 from service.store.held import Held, Worked, find_held
@@ -22,14 +23,22 @@ from service.store.submission import go_on_after
 from service.store.tallies import Counts
 from workers.dispatcher import StaleAttempt
 from workers.executor import Ticket
-from workers.job import CompleteAnswer, Ending, JobOutcome
+from workers.job import RESULTS, CompleteAnswer, Ending, JobOutcome, job_digest
 
-#: What comes back from a worker.
-Report = tuple[Ticket, JobOutcome]
 
-RESULTS = (Ending.FEASIBLE, Ending.INFEASIBLE, Ending.NUMERICAL, Ending.TIMEOUT)
+class Report(NamedTuple):
+    """What comes back from a worker."""
+
+    ticket: Ticket
+    outcome: JobOutcome
+    #: `workers.job.job_digest` of what it ran, where that is to be compared.
+    digest: str | None = None
+
+
 #: Endings that say nothing about the job itself: it may run again.
 FAILURES = (Ending.CRASH, Ending.LOST)
+#: Endings of attempts whose own result may come yet: nobody heard of it, or its report was refused.
+UNHEARD = (Ending.LOST, Ending.ERROR)
 
 log = logging.getLogger(__name__)
 
@@ -46,18 +55,23 @@ _CHARGE = (
 )
 
 
-def complete(session: Session, reports: Sequence[Report], now: float) -> list[CompleteAnswer]:
+def complete(
+    session: Session, reports: Sequence[Report | tuple[Ticket, JobOutcome]], now: float
+) -> list[CompleteAnswer]:
     """Store outcomes, their solutions, their links and what follows from them, or refuse all with a late one.
 
     A report that was accepted before gets the stored answer, and changes nothing.
     """
-    held = find_held(session, [ticket for ticket, _ in reports])
+    all_reports = [Report(*report) for report in reports]
+    held = find_held(session, [report.ticket for report in all_reports])
     worked: dict[int, Worked] = {}
     counts = Counts()
     answers: list[CompleteAnswer] = []
-    for ticket, outcome in reports:
+    for ticket, outcome, digest in all_reports:
         # The same report twice finds nothing the second time.
-        mine = held.pop(ticket, None)
+        mine = held.pop(ticket, None) or _taken_up(session, ticket, outcome, counts, now)
+        if mine is not None and digest is not None:
+            _require_same_job(session, mine, digest)
         if mine is None:
             answers.append(_stored_answer(session, ticket))
             continue
@@ -89,6 +103,34 @@ def _take_back(
         counts.add(job.search_id, "job", "done")
     work.events.append(noted_job(held.search, job, now))
     _log(session, held, outcome.ending)
+
+
+def _taken_up(
+    session: Session, ticket: Ticket, outcome: JobOutcome, counts: Counts, now: float
+) -> Held | None:
+    """Give an attempt its job back that went to the queue, if it brings a result and nobody has begun since.
+
+    The attempt of the next claim is another one, so the fence is as tight as it was.
+    """
+    if outcome.ending not in RESULTS:
+        return None
+    mine = find_held(session, [ticket], "queued").get(ticket)
+    if mine is None or mine.attempt.ending not in UNHEARD:
+        return None
+    counts.add(mine.job.search_id, "attempt", mine.attempt.ending, number=-1)
+    mine.job.state, mine.job.lease_until = "running", now
+    # There is no way from the queue to the end but this.
+    session.flush()
+    return mine
+
+
+def _require_same_job(session: Session, held: Held, digest: str) -> None:
+    """Refuse the outcome of a job of another archive, which had the same number."""
+    turn = Turn(held.job, held.problem_hash, held.search, held.campaign)
+    if job_digest(message_of(session, turn, seeds_of(session, [turn]))) != digest:
+        raise StoreError(
+            f"job {held.job.id}: expected the outcome of this job, got that of another archive's"
+        )
 
 
 def _log(session: Session, held: Held, ending: Ending) -> None:

@@ -49,15 +49,19 @@ _HELD = (
     # By id, so that the index is used; then by what fences.
     .where(JobRow.id.in_(bindparam("job_ids", expanding=True)))
     .where(tuple_(JobRow.id, JobRow.attempt).in_(bindparam("tickets", expanding=True)))
-    .where(JobRow.state == "running")
+    .where(JobRow.state == bindparam("state"))
     # The fence: nobody else writes before this transaction ends.
     .with_for_update(of=JobRow)
 )
 
 
-def find_held(session: Session, tickets: Sequence[Ticket]) -> dict[Ticket, Held]:
-    """Return what attempts hold; those that no longer hold their jobs are not among them."""
+def find_held(session: Session, tickets: Sequence[Ticket], state: str = "running") -> dict[Ticket, Held]:
+    """Return what attempts hold; those that no longer hold their jobs are not among them.
+
+    With the state `queued`, those whose jobs went back to the queue and have been handed to nobody since.
+    """
     wanted = {
+        "state": state,
         "job_ids": [ticket.job_id for ticket in tickets],
         "tickets": [tuple(ticket) for ticket in tickets],
     }

@@ -61,6 +61,7 @@ from service.store.seeds import SeedsWanted
 from service.store.specs import spec_fields
 from workers.executor import Ticket
 from workers.job import Claim, CompleteAnswer, HeartbeatAnswer, JobOutcome, WorkerInfo
+from workers.outage import Outage
 
 __all__ = ["Store", "StoreError", "UnknownRow"]
 
@@ -99,6 +100,11 @@ class Store:
     def close(self) -> None:
         """Close the archive."""
         self._database.close()
+
+    @property
+    def outage(self) -> Outage:
+        """What is said of an archive that cannot be used for a while."""
+        return self._database.outage
 
     # What changes the archive.
 
@@ -143,7 +149,9 @@ class Store:
         """Take back an outcome; a stale one raises and changes nothing, a repeated one gets its answer."""
         return self.complete_many([(ticket, outcome)])[0]
 
-    def complete_many(self, reports: Sequence[tuple[Ticket, JobOutcome]]) -> list[CompleteAnswer]:
+    def complete_many(
+        self, reports: Sequence[dispatch.Report | tuple[Ticket, JobOutcome]]
+    ) -> list[CompleteAnswer]:
         """Take back outcomes in one transaction; a stale one among them raises, and none is stored."""
         return self._database.write(lambda session: dispatch.complete(session, reports, self._clock()))
 

@@ -46,9 +46,9 @@ class Counts:
         self._numbers: Counter[tuple[int, str, str]] = Counter()
         self._seconds: defaultdict[tuple[int, str, str], float] = defaultdict(float)
 
-    def add(self, search_id: int, noun: str, name: str, cpu_seconds: float = 0.0) -> None:
-        """Count one."""
-        self._numbers[search_id, noun, name] += 1
+    def add(self, search_id: int, noun: str, name: str, cpu_seconds: float = 0.0, *, number: int = 1) -> None:
+        """Count one, or what is said."""
+        self._numbers[search_id, noun, name] += number
         self._seconds[search_id, noun, name] += cpu_seconds
 
     def store(self, session: Session) -> None:

@@ -5,7 +5,12 @@ from service.app import create_app
 from service.store import Store
 from tests.acceptance import known
 from tests.service.campaigns import finish
-from tests.service.databases import archives_on_postgres, new_database, postgres  # noqa: F401 - fixtures
+from tests.service.databases import (  # noqa: F401 - fixtures
+    archives_on_postgres,
+    new_database,
+    own_postgres,
+    postgres,
+)
 from workers.inline import Inline
 
 

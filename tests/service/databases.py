@@ -6,6 +6,7 @@ import pwd
 import shutil
 import subprocess
 import tempfile
+from contextlib import contextmanager
 from pathlib import Path
 
 import psycopg
@@ -50,6 +51,10 @@ class Cluster:
         self._run(
             "initdb", "--no-sync", "--auth=trust", "--username=coastarc", "--encoding=UTF8", "--locale=C"
         )
+        self.go_on()
+
+    def go_on(self):
+        """Start the server, for the first time or after a stop."""
         # Nothing is worth a wait for the disk: it is thrown away.
         options = f"-F -k {self.folder} -c listen_addresses='' -c max_connections=200"
         self._run("pg_ctl", "-w", "-t", "120", "-o", options, "-l", str(self.folder / "log"), "start")
@@ -85,8 +90,8 @@ class Cluster:
             )
 
 
-@pytest.fixture(scope="session")
-def postgres():
+@contextmanager
+def _running():
     folder = Path(tempfile.mkdtemp(prefix="coastarc-pg-"))
     if owner := _owner():
         shutil.chown(folder, owner["user"], owner["group"])
@@ -97,6 +102,19 @@ def postgres():
         cluster.stop()
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+@pytest.fixture(scope="session")
+def postgres():
+    with _running() as cluster:
+        yield cluster
+
+
+@pytest.fixture(scope="module")
+def own_postgres():
+    """Give a server that a test may stop: whoever does starts it again."""
+    with _running() as cluster:
+        yield cluster
 
 
 @pytest.fixture

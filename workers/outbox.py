@@ -1,0 +1,70 @@
+"""Outcomes that no coordinator has taken yet, as files: so they outlive the dispatcher that holds them.
+
+A file is the body of `POST /jobs/complete` as it stands, `job-17-attempt-1.json`, written whole or not at
+all.  The next dispatcher of the same folder offers what it finds there.  What is refused for good is moved to
+`refused`, where somebody may look at it, mend the reason and move it back.
+"""
+
+import logging
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from workers.executor import Ticket
+from workers.job import CompleteRequest
+
+log = logging.getLogger(__name__)
+
+
+class Outbox:
+    """One folder of reports; a disk that takes none is told of, and never in the way."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def reports(self) -> Iterator[CompleteRequest]:
+        """Yield what an earlier dispatcher could not hand in."""
+        for path in sorted(self.folder.glob("job-*.json")):
+            try:
+                yield CompleteRequest.model_validate_json(path.read_bytes())
+            except (OSError, ValidationError) as error:
+                log.error(
+                    "outcome %s: expected a report of this version, got %s; left where it is", path, error
+                )
+
+    def put(self, report: CompleteRequest) -> bool:
+        """Write a report; return whether it is on disk."""
+        return self._write(self.folder, report) is not None
+
+    def remove(self, ticket: Ticket) -> None:
+        """Forget what has been taken."""
+        try:
+            (self.folder / _name(ticket)).unlink(missing_ok=True)
+        except OSError as error:
+            # It is offered again after the next start, and answered as a report that came twice.
+            log.warning("outcome of job %d: expected to remove its file, got %s", ticket.job_id, error)
+
+    def set_aside(self, report: CompleteRequest) -> Path | None:
+        """Move a report to those that were refused; return where it is now."""
+        path = self._write(self.folder / "refused", report)
+        if path is not None:
+            self.remove(Ticket(report.job_id, report.attempt))
+        return path
+
+    def _write(self, folder: Path, report: CompleteRequest) -> Path | None:
+        path = folder / _name(Ticket(report.job_id, report.attempt))
+        draft = path.with_name(f"{path.name}.{os.getpid()}")
+        try:
+            folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+            draft.write_text(report.model_dump_json(), encoding="utf-8")
+            draft.replace(path)
+        except OSError as error:
+            log.error("outcome of job %d: expected room for %s, got %s", report.job_id, path, error)
+            return None
+        return path
+
+
+def _name(ticket: Ticket) -> str:
+    return f"job-{ticket.job_id}-attempt-{ticket.attempt}.json"
