@@ -24,8 +24,10 @@ class SeedRules(Answer):
     """Which solutions seed a search, and how they are mapped."""
 
     #: Name of the search that finds them, and of its campaign if that is another one.
-    source: str
+    source: str | None
     campaign: str | None
+    #: Instead of a search: the one solution that is mapped.
+    solution: str | None
     order: str | None
     limit: int | None
     pairing: str

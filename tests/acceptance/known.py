@@ -45,7 +45,7 @@ def run_known(job, stop=lambda: False):
     """Answer with the known vector of a chain or of a seed, certified by the verifier."""
     known = VECTORS["S(0)"] if isinstance(job, HopJob) else VECTORS["S(1|0)"]
     place = job.address.chain if isinstance(job, HopJob) else _seed_place(job)
-    solve = _record(job, known[place]) if place < len(known) else _failure(job)
+    solve = record(job, known[place]) if place < len(known) else failure(job, job.address.hop)
     return JobOutcome(ending=solve.ending, solves=(solve,), provenance=PROVENANCE)
 
 
@@ -53,26 +53,29 @@ def _seed_place(job):
     return next(place for place, x in enumerate(VECTORS["S(0)"]) if x[0] == job.seed_x[0])
 
 
-def _record(job, x):
+def record(job, x):
+    """Return the solve that found a vector, certified by the verifier."""
     problem, vector = problem_from(job.problem), np.array(x)
     found = verify(problem, vector)
     defects = tuple(map(tuple, found.defects.tolist()))
+    flown = trajectory(problem, vector, found)
     return SolveRecord(
         ending=Ending.FEASIBLE,
         status="OPTIMAL",
         is_feasible=True,
-        objective_kg=x[153],
+        objective_kg=flown.final_mass_kg,
         violation=0.2,
         defects=defects,
         x=tuple(x),
-        trajectory=trajectory(problem, vector, found),
+        trajectory=flown,
         certificate=certificate(found, 0.3),
-        **_common(job),
+        **_common(job, job.address.hop),
     )
 
 
-def _failure(job):
-    far = ((1e5,) * 3 + (1.0,) * 3 + (100.0,),)
+def failure(job, hop):
+    """Return a solve that found nothing."""
+    far = (1 + len(job.problem["outages"])) * ((1e5,) * 3 + (1.0,) * 3 + (100.0,),)
     return SolveRecord(
         ending=Ending.INFEASIBLE,
         status="LOCALLY_INFEASIBLE",
@@ -80,17 +83,17 @@ def _failure(job):
         objective_kg=None,
         violation=1e6,
         defects=far,
-        **_common(job),
+        **_common(job, hop),
     )
 
 
-def _common(job):
+def _common(job, hop):
     return {
-        "hop": job.address.hop,
+        "hop": hop,
         "rng_key": f"{job.rng_seed}/{job.kind}/{job.address.chain}",
         "n_iterations": 312,
         "n_evaluations": 400,
         "cpu_seconds": 21.5,
         "wall_seconds": 22.0,
-        "move": "accepted" if isinstance(job, HopJob) else None,
+        "move": ("rejected" if hop else "accepted") if isinstance(job, HopJob) else None,
     }

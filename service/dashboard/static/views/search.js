@@ -5,7 +5,7 @@ import { ApiError, get } from "../api.js";
 import { ChainTable } from "../chain_table.js";
 import { byId, el, fill } from "../dom.js";
 import { sampled } from "../figure.js";
-import { duration, NONE, number, outages, percent } from "../format.js";
+import { duration, NONE, number, outages, percent, shortId } from "../format.js";
 import { HopGrid } from "../hop_grid.js";
 import { lawFacts, ReachFigure } from "../hop_laws.js";
 import { ofPlanned, outcomeBar, outcomeList } from "../outcomes.js";
@@ -16,7 +16,7 @@ import { DeltaVFigure, TimeFigure, ViolationFigure } from "../solve_figures.js";
 import { outcomeOf, Solves } from "../solves.js";
 
 /**
- * @typedef {{ source: string, campaign: string | null, order: string | null, limit: number | null, pairing: string, tolerance: string, any_duration: boolean, mapping: string[] }} SeedRules
+ * @typedef {{ source: string | null, campaign: string | null, solution: string | null, order: string | null, limit: number | null, pairing: string, tolerance: string, any_duration: boolean, mapping: string[] }} SeedRules
  * @typedef {{
  *   campaign_id: number, campaign: string, campaign_state: string, id: number, name: string, strategy: string, state: string,
  *   priority: number, weight: number, k: number, seed_k: number | null, hops: number,
@@ -91,11 +91,9 @@ function missing(words) {
 
 /** @param {Detail} search */
 function waits(search) {
-  const source = search.seeds?.source ?? "";
-  const href = search.seeds?.campaign ? "/" : `/campaigns/${search.campaign_id}/searches/${encodeURIComponent(source)}`;
   showEmpty(
     el("h2", {}, "Waiting for seeds"),
-    el("p", {}, "Its seeds come from ", el("a", { href }, search.seeds?.campaign ? `${search.seeds.campaign}/${source}` : source), ", which has to finish first: they are chosen from all that it finds."),
+    el("p", {}, "Its seeds come from ", search.seeds && sourceLink(search, search.seeds), ", which has to finish first: they are chosen from all that it finds."),
     el("p", {}, "This page goes on by itself."),
   );
 }
@@ -200,15 +198,26 @@ function showRules(search) {
 }
 
 /**
+ * Lead to where seeds come from: a search, of this campaign or of another one, or one solution.
+ * @param {Detail} search
+ * @param {SeedRules} rules
+ */
+function sourceLink(search, rules) {
+  if (rules.solution !== null) return el("a", { href: `/solutions/${rules.solution}` }, `solution ${shortId(rules.solution)}`);
+  const source = rules.source ?? "";
+  if (rules.campaign) return el("a", { href: "/" }, `${rules.campaign}/${source}`);
+  return el("a", { href: `/campaigns/${search.campaign_id}/searches/${encodeURIComponent(source)}` }, source);
+}
+
+/**
  * @param {Detail} search
  * @returns {[string, import("../dom.js").Child][]}
  */
 function seedFacts(search) {
   const rules = /** @type {SeedRules} */ (search.seeds);
-  const href = rules.campaign ? "/" : `/campaigns/${search.campaign_id}/searches/${encodeURIComponent(rules.source)}`;
   const limit = rules.limit === null ? "all of them" : `at most ${number(rules.limit, 0)}`;
   return [
-    ["Seeds from", el("a", { href }, rules.campaign ? `${rules.campaign}/${rules.source}` : rules.source)],
+    ["Seeds from", sourceLink(search, rules)],
     ["Mapping", rules.mapping.join(", ")],
     ["Which seeds", rules.order ? `${limit}, in order of ${rules.order.replaceAll("_", " ")}` : limit],
     ["For which cases", { every: "every seed for every case", "round-robin": "each seed for one case in turn", contained: "the cases that hold its outages" }[rules.pairing] ?? rules.pairing],
