@@ -37,18 +37,24 @@ EXPECTED = {
     "model_attributes_type": "a table",
     "dict_type": "a table",
 }
-#: Longest value that is shown whole.
+#: Longest value or name that is shown whole.
 SHOWN = 80
+#: Faults that are listed; whoever has more of them is helped by the first.
+MOST_FAULTS = 50
 
 
 def fault_lines(thing: str, faults: Iterable[Mapping[str, Any]], model: Any = None) -> list[str]:
     """Return one line per fault of the data of a model; what follows from a deeper fault is left out."""
     listed = list(faults)
     places = [tuple(fault["loc"]) for fault in listed]
+    # Everything that a fault is inside of, once: tens of thousands of faults are one request away.
+    outer = {place[:end] for place in places for end in range(len(place))}
     lines: list[str] = []
     for fault, place in zip(listed, places, strict=True):
-        is_echo = any(other != place and other[: len(place)] == place for other in places)
-        if not (is_echo and fault["type"] == "too_short"):
+        if len(lines) >= MOST_FAULTS:
+            lines.append(f"{thing}: expected fewer faults, got {len(listed)}; mend the first {MOST_FAULTS}")
+            break
+        if not (fault["type"] == "too_short" and place in outer):
             lines.extend(_lines(thing, fault, model))
     return lines
 
@@ -73,7 +79,7 @@ def _walked(loc: Iterable[Any], model: Any) -> tuple[list[str], list[str]]:
         if tagged:
             models = tagged
             continue
-        path.append(str(part))
+        path.append(_printable(str(part)))
         if isinstance(part, int):
             continue
         known = _fields(models[0]) if models else {}
@@ -102,7 +108,7 @@ def _models(annotation: Any) -> list[Any]:
 def _message(fault: Mapping[str, Any], known: list[str]) -> str:
     kind, context = fault["type"], fault.get("ctx", {})
     if kind == "extra_forbidden":
-        return f"expected one of {', '.join(known)}, got unknown key {fault['loc'][-1]!r}"
+        return f"expected one of {', '.join(known)}, got unknown key {_shown(fault['loc'][-1])}"
     if kind in EXPECTED:
         limits = {name: _plain(value) for name, value in context.items()}
         return f"expected {EXPECTED[kind].format(**limits)}, got {_got(fault, context)}"
@@ -115,7 +121,7 @@ def _got(fault: Mapping[str, Any], context: Mapping[str, Any]) -> str:
         return "none"
     if "actual_length" in context:
         return str(context["actual_length"])
-    return repr(context["tag"]) if "tag" in context else _shown(fault["input"])
+    return _shown(context["tag"]) if "tag" in context else _shown(fault["input"])
 
 
 def _plain(value: Any) -> Any:
@@ -125,5 +131,14 @@ def _plain(value: Any) -> Any:
 def _shown(value: Any) -> str:
     if isinstance(value, Mapping) or hasattr(type(value), "model_fields"):
         return "a table"
-    text = repr(value)
-    return text if len(text) <= SHOWN else f"{text[:SHOWN]}..."
+    try:
+        text = repr(value)
+    except ValueError:
+        return "an integer of thousands of digits"
+    return _printable(text)
+
+
+def _printable(text: str) -> str:
+    """Return a text that is short, and that UTF-8 can carry."""
+    shown = text if len(text) <= SHOWN else f"{text[:SHOWN]}..."
+    return shown.encode("utf-8", "backslashreplace").decode()

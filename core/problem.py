@@ -9,7 +9,6 @@ import hashlib
 import itertools
 import json
 import re
-import tomllib
 from collections.abc import Iterable, Mapping
 from importlib.resources import files
 from pathlib import Path
@@ -29,7 +28,7 @@ from core.constants import (
     SECONDS_PER_DAY,
 )
 from core.faults import UserError, fault_lines
-from core.text import read_text
+from core.plain_data import read_table_file, read_toml
 
 SCHEMA_VERSION = 1
 
@@ -369,8 +368,7 @@ def load_problem(path_or_preset: str | Path) -> Problem:
         return problem_from({"preset": str(path_or_preset)})
     path = Path(path_or_preset)
     try:
-        text = read_text(path)
-        table = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
+        table = read_table_file(path)
     except (OSError, ValueError) as error:
         names, reason = ", ".join(presets()), getattr(error, "strerror", None) or error
         raise ProblemError(
@@ -419,7 +417,7 @@ def _preset(name: str | None) -> dict[str, Any]:
         return {}
     if name not in presets():
         raise ProblemError(f"problem.preset: expected one of {', '.join(presets())}, got {name!r}")
-    return tomllib.loads((_preset_folder() / f"{name}.toml").read_text(encoding="utf-8"))
+    return read_toml((_preset_folder() / f"{name}.toml").read_text(encoding="utf-8"))
 
 
 def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:

@@ -16,7 +16,9 @@ from starlette.types import Message, Receive
 #: How long a client may take to send a body, or the next piece of one that goes to a file [s].
 PATIENCE_S = 30.0
 #: What can become a number that is not finite; only such bodies are parsed here as well.
-_SUSPECT = re.compile(rb"NaN|Infinity|[eE]\+?\d{3}|\d{300}")
+_SUSPECT = re.compile(rb"NaN|Infinity|[eE]\+?\d{3}|(?<!\d)\d{300}")
+#: Above this size a body is looked through on a thread, so that others are answered meanwhile [byte].
+_LARGE_BYTES = 128 * 1024
 
 
 class BodyFault(ValueError):
@@ -43,7 +45,10 @@ async def read_body(receive: Receive, content_type: str, most_bytes: int) -> byt
                 raise BodyFault(413, f"body: expected at most {most_bytes} bytes, got more")
             if not message.get("more_body", False):
                 body = b"".join(pieces)
-                _require_finite(body, content_type)
+                if n_bytes > _LARGE_BYTES:
+                    await anyio.to_thread.run_sync(_require_finite, body, content_type)
+                else:
+                    _require_finite(body, content_type)
                 return body
     raise BodyFault(408, f"body: expected all of it within {PATIENCE_S:.0f} s, got {n_bytes} bytes")
 

@@ -10,7 +10,6 @@ Whatever a check needs is in the folder, but for DE440, whose digest is.
 """
 
 import hashlib
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,8 @@ from typing import Any
 from core import text
 from core.constants import G0, GM_EARTH, GM_JUPITER, GM_MOON, GM_SUN, RADIUS_EARTH_KM, RADIUS_MOON_KM
 from core.faults import UserError
+from core.plain_data import MOST_FILE_BYTES
+from core.plain_data import read_toml as tables_in
 from core.problem import Problem, ProblemError, problem_from
 from core.tolerances import STRICT
 
@@ -138,8 +139,8 @@ def _case(folder: Path, entry: dict[str, Any]) -> Case:
 def read_toml(path: Path) -> dict[str, Any]:
     """Return the tables of a file."""
     try:
-        return tomllib.loads(read_text(path))
-    except tomllib.TOMLDecodeError as error:
+        return tables_in(read_text(path), MOST_FILE_BYTES)
+    except ValueError as error:
         raise BenchmarkError(f"{path}: expected TOML, got {error}") from error
 
 

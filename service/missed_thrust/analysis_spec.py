@@ -61,7 +61,7 @@ def _numbers(name: str, text: str) -> list[float]:
     compact = text.replace(" ", "")
     if match := _RANGE.fullmatch(compact):
         start, stop, step = (float(part) for part in match.groups())
-        if step <= 0.0 or stop < start or (stop - start) / step > _MOST:
+        if not (step > 0.0 and 0.0 <= (stop - start) / step <= _MOST):
             raise GridError(f"{name}: expected START <= STOP in up to {_MOST} steps, got {text}")
         # Rounded, so that 0.1:0.3:0.1 is what it says.
         n_steps = int((stop - start) / step + 1e-9)

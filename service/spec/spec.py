@@ -3,8 +3,6 @@
 SpecError(ValueError)   a specification that cannot be run; one line per field, with value and reason
 """
 
-import json
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -12,9 +10,9 @@ from typing import Annotated, Any, Self
 from pydantic import BeforeValidator, Field, StrictInt, ValidationError, model_validator
 
 from core.faults import UserError
+from core.plain_data import read_table_file
 from core.problem import Problem, ProblemError, beside, content_hash, problem_from, validation_message
 from core.search import expand_mapping
-from core.text import read_text
 from service.spec.pairing import first_pair, require_seedable
 from service.spec.search_spec import SHARING, Name, Priority, SearchSpec, Strict
 
@@ -178,8 +176,7 @@ def spec_from(fields: Any, *, allow_files: bool = False) -> Spec:
 def load_spec(path: Path) -> Spec:
     """Return the specification in a .toml or .json file."""
     try:
-        text = read_text(path)
-        fields = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
+        fields = read_table_file(path)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise SpecError(f"spec: expected a readable .toml or .json file, got {path}: {reason}") from error

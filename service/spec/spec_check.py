@@ -2,7 +2,6 @@
 
 import json
 import re
-import tomllib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
@@ -10,6 +9,8 @@ from typing import Any, NamedTuple
 from pydantic import ValidationError
 
 from core.faults import fault_lines
+from core.plain_data import read_json, read_toml
+from core.text import TextError
 from service.spec import Spec, SpecError, spec_from
 from service.spec.resolve import require_flyable
 from service.spec.search_spec import SearchSpec, Seeds
@@ -44,12 +45,16 @@ def check_text(text: str) -> Checked:
     text = text.removeprefix("\ufeff")
     is_json = text.lstrip().startswith("{")
     try:
-        fields = json.loads(text) if is_json else tomllib.loads(text)
+        fields = read_json(text) if is_json else read_toml(text)
     except json.JSONDecodeError as error:
         return Checked([Fault("", error.lineno, f"expected JSON, got a fault: {error.msg}")], None, None)
-    except (ValueError, RecursionError) as error:
-        words, line = syntax_fault(ValueError(str(error)), text)
-        return Checked([Fault("", line, f"expected TOML, got a fault: {words}")], None, None)
+    except TextError as error:
+        words, line = syntax_fault(error, text)
+        return Checked([Fault("", line, words)], None, None)
+    except ValueError as error:
+        words, line = syntax_fault(error, text)
+        form = "JSON" if is_json else "TOML"
+        return Checked([Fault("", line, f"expected {form}, got a fault: {words}")], None, None)
     return check_fields(fields, "" if is_json else text)
 
 

@@ -11,9 +11,10 @@ from collections.abc import Sequence
 #: Names, and places in lists, from the root on.
 Path = tuple[str | int, ...]
 
-_HEADER = re.compile(r"^\s*(\[\[?)\s*([^\[\]]+?)\s*\]\]?\s*(?:#.*)?$")
-_KEY = re.compile(r"""^\s*((?:[\w-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[\w-]+|"[^"]*"|'[^']*'))*)\s*=""")
-_SYNTAX = re.compile(r"\s*\(at (?:line (\d+), column \d+|end of document)\)$")
+# Possessive, and with one way to match: what a user typed must not cost more than its length.
+_HEADER = re.compile(r"\s*+(\[\[?)([^\[\]]++)\]\]?\s*+(?:#.*)?$")
+_KEY = re.compile(r"""\s*+((?:[\w-]++|"[^"]*+"|'[^']*+')(?:\s*+\.\s*+(?:[\w-]++|"[^"]*+"|'[^']*+'))*)\s*+=""")
+_SYNTAX = re.compile(r"\(at (?:line (\d+), column \d+|end of document)\)$")
 
 
 def line_of(text: str, path: Sequence[str | int]) -> int | None:
@@ -53,4 +54,4 @@ def syntax_fault(error: ValueError, text: str) -> tuple[str, int]:
     words = str(error)
     place = _SYNTAX.search(words)
     line = int(place[1]) if place and place[1] else max(1, len(text.splitlines()))
-    return _SYNTAX.sub("", words), line
+    return _SYNTAX.sub("", words).rstrip(), line

@@ -1,5 +1,6 @@
 """Specifications as somebody types them: faults with their lines, plans, and texts that read back."""
 
+import time
 import tomllib
 from pathlib import Path
 
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 
 from service.api.specs import TEMPLATES
 from service.spec import load_spec, spec_from
-from service.spec.spec_check import check_text, planned
+from service.spec.spec_check import check_fields, check_text, planned
 from service.spec.spec_text import spec_text
 from service.spec.toml_text import toml_text
 
@@ -115,3 +116,39 @@ DATA = st.recursive(
 @given(st.dictionaries(WORDS, st.dictionaries(WORDS, DATA, max_size=4), min_size=1, max_size=3))
 def test_what_is_written_as_toml_reads_back(tables):
     assert tomllib.loads(toml_text(tables)) == tables
+
+
+#: Fields of a problem and of a specification by the ten thousand, each of them a fault.
+FLOODS = [
+    {"problem": {f"key{i}": i for i in range(20_000)}},
+    {"problem": {"preset": "ppe-drm3", "outages": [{}] * 20_000}},
+    {f"key{i}": i for i in range(20_000)},
+    {"search": [{}] * 20_000},
+]
+
+
+@pytest.mark.parametrize("fields", FLOODS)
+def test_ten_thousands_of_faults_cost_little_and_the_first_are_told(fields):
+    begun = time.process_time()
+    faults = check_fields(fields).faults
+    # The comparison of each fault with each other took 50 s and more.
+    assert time.process_time() - begun < 10.0
+    assert 50 <= len(faults) <= 55 and any("expected fewer faults" in fault.message for fault in faults)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a." * 15000 + "a = 1\n", "a key of at most 16 parts"),
+        (QUICK.replace("guesses = 30", "guesses = 0x" + "f" * 20000), "integers of fewer than 128 bits"),
+        (QUICK.replace("guesses = 30", "guesses = " + "9" * 5000), "expected TOML"),
+        ('{"a":' + "[" * 30000, "at most 32 brackets"),
+        ('{"a":' + "9" * 5000 + "}", "expected JSON"),
+        ('y = """\n[' + " " * 20000 + '\n"""\n', "expected a value"),
+        ('y = """\n' + "a ." * 10000 + '\n"""\n', "expected a value"),
+    ],
+)
+def test_a_text_made_to_cost_more_than_its_length_is_a_fault(text, words):
+    begun = time.process_time()
+    fault = check_text(text).faults[0]
+    assert words in fault.message and time.process_time() - begun < 5.0

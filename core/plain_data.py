@@ -1,0 +1,135 @@
+"""TOML and JSON that users write: bounded before a parser sees it, since parsers trust their text.
+
+`tomllib` needs memory that grows with the square of the number of parts of a key: more than a gigabyte for
+one key of 40 kB.  A hexadecimal integer may have any number of digits, and no later message could print it.
+"""
+
+import json
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from core.text import TextError, text_of
+
+#: Longest text that comes over the network, and longest file of this machine's own users [byte].
+MOST_TEXT_BYTES, MOST_FILE_BYTES = 64 * 1024, 1024 * 1024
+#: Longest line of TOML [character]: two thousand cases of two outages in one list have 24,000.
+MOST_LINE = 32 * 1024
+#: Most parts of a dotted key (`problem.spacecraft.isp_s` has three), and most brackets within one another.
+MOST_KEY_PARTS, MOST_NESTED = 16, 32
+#: Integers have fewer bits; the largest that any field takes has 63.
+MOST_BITS = 128
+
+# Each token has one way to match, so the time is linear whatever the text.
+_STRINGS = (
+    r'"""(?:[^"\\]|\\.?|"(?!""))*+(?:"{3,5})?',
+    r"'''(?:[^']|'(?!''))*+(?:'{3,5})?",
+    r'"(?:[^"\\\n]|\\.?)*+"?',
+    r"'[^'\n]*+'?",
+)
+_TOML_TOKEN = re.compile(rf"(?:{'|'.join(_STRINGS)})|#[^\n]*+|[\w+-]++|[ \t]++|.", re.DOTALL)
+_JSON_TOKEN = re.compile(r'"(?:[^"\\]|\\.?)*+"?|[\[\]{}]', re.DOTALL)
+
+
+def read_toml(text: str, most_bytes: int = MOST_TEXT_BYTES) -> dict[str, Any]:
+    """Return the tables of a TOML text.
+
+    Raises
+    ------
+    ValueError
+        When it is no TOML, or larger or deeper than anything that coastarc has a use for.
+    """
+    _require_size(text, most_bytes)
+    for number, line in enumerate(text.split("\n"), start=1):
+        if len(line) > MOST_LINE:
+            place = f"(at line {number}, column 1)"
+            raise TextError(f"expected lines of at most {MOST_LINE} characters, got {len(line)} {place}")
+    _require_flat_toml(text)
+    tables = tomllib.loads(text)
+    _require_small_integers(tables)
+    return tables
+
+
+def read_json(text: str, most_bytes: int = MOST_TEXT_BYTES) -> Any:
+    """Return the data of a JSON text.
+
+    Raises
+    ------
+    ValueError
+        As `read_toml`.
+    """
+    _require_size(text, most_bytes)
+    _require_flat_json(text)
+    data = json.loads(text)
+    _require_small_integers(data)
+    return data
+
+
+def read_table_file(path: Path) -> Any:
+    """Return the data of a file that ends in .json or holds TOML.
+
+    Raises
+    ------
+    OSError
+        When it cannot be read.
+    ValueError
+        As `read_toml`, or when its bytes are no text.
+    """
+    with path.open("rb") as stream:
+        content = stream.read(MOST_FILE_BYTES + 1)
+    if len(content) > MOST_FILE_BYTES:
+        raise TextError(f"expected a file of at most {MOST_FILE_BYTES} bytes, got more")
+    read = read_json if path.suffix == ".json" else read_toml
+    return read(text_of(content), 2 * MOST_FILE_BYTES)
+
+
+def _require_size(text: str, most_bytes: int) -> None:
+    n_bytes = len(text.encode("utf-8", "replace"))
+    if n_bytes > most_bytes:
+        raise TextError(f"expected a text of at most {most_bytes} bytes, got more (at line 1, column 1)")
+
+
+def _require_flat_toml(text: str) -> None:
+    """Refuse keys of many parts and brackets within many brackets."""
+    parts = depth = 0
+    is_joined = False
+    for match in _TOML_TOKEN.finditer(text):
+        first = match[0][0]
+        if first in " \t":
+            continue
+        if first == ".":
+            is_joined = True
+        elif first.isalnum() or first in "_+-\"'":
+            parts = parts + 1 if is_joined else 1
+            is_joined = False
+        else:
+            parts, is_joined = 0, False
+            depth += (first in "[{") - (first in "]}")
+        if parts > MOST_KEY_PARTS:
+            raise _at(text, match.start(), f"a key of at most {MOST_KEY_PARTS} parts, got more")
+        if depth > MOST_NESTED:
+            raise _at(text, match.start(), f"at most {MOST_NESTED} brackets within one another, got more")
+
+
+def _require_flat_json(text: str) -> None:
+    depth = 0
+    for match in _JSON_TOKEN.finditer(text):
+        first = match[0][0]
+        depth += (first in "[{") - (first in "]}")
+        if depth > MOST_NESTED:
+            raise _at(text, match.start(), f"at most {MOST_NESTED} brackets within one another, got more")
+
+
+def _at(text: str, place: int, expected: str) -> TextError:
+    return TextError(f"expected {expected} (at line {text.count(chr(10), 0, place) + 1}, column 1)")
+
+
+def _require_small_integers(data: Any) -> None:
+    """Refuse integers that no message could show."""
+    left = [data]
+    while left:
+        value = left.pop()
+        if isinstance(value, int) and value.bit_length() >= MOST_BITS:
+            raise TextError(f"expected integers of fewer than {MOST_BITS} bits, got {value.bit_length()}")
+        left.extend(value.values() if isinstance(value, dict) else value if isinstance(value, list) else ())
