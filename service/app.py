@@ -79,6 +79,8 @@ def create_app(
     app.state.store = store
     app.state.is_closing = is_closing
     app.state.access = access
+    #: Why a coordinator's own dispatcher does not run, in words for everybody; set by the coordinator.
+    app.state.trouble = lambda: None
     add_error_handlers(app)
     app.router.routes.extend(_routes())
     finish_document(app)

@@ -24,6 +24,8 @@ KEPT_S = 2.0
 CHECKS = {"archive": "ok", "dispatcher": "ok", "kernels": "ok"}
 READY: dict[str, Any] = {"status": "ok", "checks": CHECKS}
 NO_DISPATCHER = "expected one seen within 30 s, got none; start one with `coastarc dispatch`"
+#: ... by a coordinator whose own should run.
+NOT_STARTED = "the coordinator cannot start its own, got {}; it tries again by itself"
 
 
 class Unready(Fault):
@@ -62,7 +64,7 @@ def readyz(store: StoreHere, request: Request) -> Any:
     """Return whether the archive takes a write, a dispatcher was seen lately, and the kernels are there."""
     until, checks = getattr(request.app.state, "readiness", (0.0, {}))
     if time.monotonic() >= until:
-        checks = _checked(store)
+        checks = _checked(store, request.app.state.trouble())
         request.app.state.readiness = (time.monotonic() + KEPT_S, checks)
     faults = [f"{name}: {found}" for name, found in checks.items() if found != "ok"]
     if not faults:
@@ -72,10 +74,10 @@ def readyz(store: StoreHere, request: Request) -> Any:
     return JSONResponse(content, status_code=503, media_type="application/problem+json")
 
 
-def _checked(store: Store) -> dict[str, str]:
+def _checked(store: Store, trouble: str | None) -> dict[str, str]:
     looks: dict[str, Callable[[Store], str]] = {
         "archive": _archive,
-        "dispatcher": _dispatcher,
+        "dispatcher": lambda store: _dispatcher(store, trouble),
         "kernels": _kernels,
     }
     return {name: look(store) for name, look in looks.items()}
@@ -90,13 +92,15 @@ def _archive(store: Store) -> str:
     return "ok"
 
 
-def _dispatcher(store: Store) -> str:
+def _dispatcher(store: Store, trouble: str | None) -> str:
     try:
         is_there = store.gauges.n_workers() > 0
     except (DatabaseError, SQLAlchemyError):
         return "expected an archive that tells, got a fault; see the log"
-    lease = f"{store.leases.lease_s:g} s"
-    return "ok" if is_there else NO_DISPATCHER.replace("30 s", lease)
+    if is_there:
+        return "ok"
+    said = NO_DISPATCHER.replace("30 s", f"{store.leases.lease_s:g} s")
+    return said if trouble is None else f"{said.partition('; ')[0]}; {NOT_STARTED.format(trouble)}"
 
 
 def _kernels(_: Store) -> str:

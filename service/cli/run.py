@@ -1,5 +1,6 @@
 """`coastarc run` and `coastarc serve`: campaigns on this machine, and what is shown meanwhile."""
 
+import errno
 import shlex
 import time
 from pathlib import Path
@@ -145,14 +146,21 @@ def _follow(console: Console, coordinator: Coordinator, campaign_id: int) -> Non
             # From now: a machine that slept would else get a line for every period that it missed.
             next_look = time.monotonic() + period
             try:
-                view = store.campaign(campaign_id)
+                _show(console, live, store.campaign(campaign_id))
             except Unavailable as error:
                 store.outage.tell(error)
-                continue
-            if console.is_terminal:
-                live.update(terminal.progress(view), refresh=True)
-            else:
-                console.print(terminal.progress_line(view), highlight=False)
+
+
+def _show(console: Console, live: Live, view: CampaignView) -> None:
+    try:
+        if console.is_terminal:
+            live.update(terminal.progress(view), refresh=True)
+        else:
+            console.print(terminal.progress_line(view), highlight=False)
+    except OSError as error:
+        # A log on a full disk is no reason to end a campaign.
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+            raise
 
 
 def _has_ended(store: Store, campaign_id: int) -> bool:

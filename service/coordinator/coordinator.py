@@ -98,10 +98,10 @@ class WebServer:
         shown = f"[{reached}]" if ":" in reached else reached
         self.url = f"http://{shown}:{listener.getsockname()[1]}"
         self._closing = threading.Event()
-        app = create_app(store, self._closing.is_set, access)
+        self.app = create_app(store, self._closing.is_set, access)
         # Which proxy is believed is decided by `service.access.security`, which has to see who really sends.
         config = uvicorn.Config(
-            app, log_level="warning", access_log=False, proxy_headers=False, timeout_graceful_shutdown=2
+            self.app, log_level="warning", access_log=False, proxy_headers=False, timeout_graceful_shutdown=2
         )
         self._server = uvicorn.Server(config)
         self._thread = threading.Thread(target=self._server.run, args=([listener],), name="web", daemon=True)
@@ -114,6 +114,11 @@ class WebServer:
             if not self._thread.is_alive() or time.monotonic() > deadline:
                 raise CoordinatorError(f"web server: expected to start at {self.url}, got no answer")
             time.sleep(0.01)
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether requests are answered."""
+        return self._thread.is_alive()
 
     def stop(self) -> None:
         """End the streams, then the server."""
@@ -216,10 +221,13 @@ class Coordinator:
                 prefix=local_prefix(self._name),
             )
 
-        self._supervisor = Supervisor(order)
-        self._supervisor.start()
+        supervisor = self._supervisor = Supervisor(order)
+        self._server.app.state.trouble = lambda: supervisor.trouble
+        supervisor.start()
 
     def raise_fault(self) -> None:
-        """Raise what keeps every dispatcher from working, if something does."""
+        """Raise what keeps every dispatcher from working, if something does that does not pass by itself."""
+        if not self._server.is_alive:
+            raise CoordinatorError(f"web server: expected to run at {self.url}, got its end; see the log")
         if self._supervisor is not None and self._supervisor.fault is not None:
             raise CoordinatorError(self._supervisor.fault)

@@ -3,9 +3,7 @@
 import logging
 import threading
 
-from sqlalchemy.exc import SQLAlchemyError
-
-from service.db.engine import DatabaseError, Unavailable
+from service.db.engine import Unavailable
 from service.store import Store
 
 log = logging.getLogger(__name__)
@@ -21,7 +19,7 @@ def read_history(store: Store, stop: threading.Event) -> None:
     try:
         while _read(store, stop):
             pass
-    except (SQLAlchemyError, DatabaseError):
+    except Exception:
         # A page that asks reads on from there, and is told what is wrong.
         log.exception("reading the archive ahead failed")
 

@@ -49,7 +49,7 @@ class FolderLock:
         except OSError as error:
             os.close(self._descriptor)
             what, remedy = ("one to write in", "look at the disk")
-            if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
                 what, remedy = "room to write", "free some space and start again"
             raise LockError(
                 f"data folder {self._folder}: expected {what}, got {error.strerror}; {remedy}"

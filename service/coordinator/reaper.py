@@ -5,9 +5,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from sqlalchemy.exc import SQLAlchemyError
-
-from service.db.engine import DatabaseError, Unavailable
+from service.db.engine import Unavailable
 from service.store import Store
 
 log = logging.getLogger(__name__)
@@ -43,8 +41,8 @@ class Reaper:
         except Unavailable as error:
             self._store.outage.tell(error)
             return 0
-        except (SQLAlchemyError, DatabaseError):
-            # A full disk may have room again by the next time; leases wait in the database.
+        except Exception:
+            # Whatever it is, nobody would take jobs back any more if it ended this thread.
             log.exception("reaping failed")
             return 0
         if n_lost:

@@ -23,6 +23,7 @@ from service.db.errors import (
     Unavailable,
     WriteFault,
     no_archive,
+    no_room,
     read_fault,
     unusable,
     write_fault,
@@ -125,7 +126,7 @@ class Database:
 
     def _unusable(self, error: DBAPIError) -> DatabaseError:
         if isinstance(self.place, Path):
-            return unusable(self.place, error.orig)
+            return no_room(self.place, error.orig) or unusable(self.place, error.orig)
         reason = str(error.orig).strip().splitlines()[-1]
         kind = Unavailable if postgres.may_pass(reason) else DatabaseError
         return kind(

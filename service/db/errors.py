@@ -5,6 +5,7 @@ DatabaseError(RuntimeError)    no archive of this version, or none at all
         WriteFault             a write that the place did not take; what was stored before is kept
 """
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,17 @@ def unusable(place: Path | str, reason: object) -> DatabaseError:
     )
 
 
+def no_room(place: Path, error: Any) -> WriteFault | None:
+    """Return the error of a disk without room, if that is what kept SQLite from opening an archive."""
+    code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+    # What it cannot make beside the archive it calls a fault of the disk.
+    if code == FULL or (code == IOERR and shutil.disk_usage(place.parent).free < LEAST_ROOM):
+        return WriteFault(
+            f"archive {place}: expected room to write, got {error}; free some space and start again"
+        )
+    return None
+
+
 def no_archive(place: Path) -> DatabaseError:
     """Return the error of a place where an archive was expected and none is."""
     return DatabaseError(
@@ -40,6 +52,9 @@ def no_archive(place: Path) -> DatabaseError:
     )
 
 
+IOERR, FULL = 10, 13
+#: What an archive needs to be opened: its journal, and the index of that [bytes].
+LEAST_ROOM = 100_000
 #: SQLite's primary codes of faults outside of our program, with what helps.
 SQLITE_FAULTS = {
     5: ("to be the only writer", "stop the other program"),  # BUSY

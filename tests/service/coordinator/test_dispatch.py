@@ -1,5 +1,6 @@
 """Dispatchers as processes of their own, on loopback: several at once, killed, refused; no solver runs."""
 
+import errno
 import os
 import signal
 import socket
@@ -14,6 +15,7 @@ from service.access.rights import Role
 from service.client import Client, ClientError
 from service.coordinator import Coordinator, Crew
 from service.coordinator.supervisor import Supervisor
+from service.db.errors import WriteFault
 from service.scheduler.leases import LeaseSettings
 from service.store import Store
 from tests.service.campaigns import content, finish, spec_fields, submitted
@@ -194,6 +196,30 @@ def test_a_dispatcher_that_can_never_work_is_not_started_again():
     supervisor.start()
     assert wait_for(lambda: supervisor.fault).startswith("url: expected one as http://host:8741, got ftp://")
     supervisor.stop()
+
+
+def test_a_dispatcher_that_cannot_be_started_is_tried_again_and_said_once(caplog):
+    faults = [WriteFault("archive x: expected room to write, got none; free some space")] * 2
+    faults += [OSError(errno.ENOMEM, "Cannot allocate memory")]
+
+    def order():
+        if faults:
+            raise faults.pop(0)
+        return DispatchOrder(url="ftp://nowhere", executor=ExecutorKind.INLINE)
+
+    supervisor = Supervisor(order)
+    supervisor.start()
+    wait_for(lambda: supervisor.trouble)
+    # Nothing of the archive's place, since anybody may read it.
+    assert supervisor.trouble == "an archive that takes no write" and supervisor.fault is None
+    wait_for(lambda: supervisor.fault)
+    assert supervisor.trouble is None
+    supervisor.stop()
+    said = [line for line in caplog.messages if "expected to start" in line]
+    assert [("expected room to write" in line, "Cannot allocate" in line) for line in said] == [
+        (True, False),
+        (False, True),
+    ]
 
 
 def test_a_dispatcher_whose_coordinator_is_gone_ends_by_itself():

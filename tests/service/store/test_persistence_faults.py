@@ -1,20 +1,27 @@
 """Faults of the archive under workers and users: before a commit, after it, and on a full disk."""
 
+import errno
+import io
+import os
 import resource
+import subprocess
 import threading
 import time
 
 import httpx
 import psutil
 import pytest
+from rich.console import Console
 
+from core.faults import UserError
+from service.cli import run as cli_run
 from service.client import Client, ClientError
 from service.coordinator import Coordinator
 from service.db.engine import Moment
 from service.scheduler.leases import LeaseSettings
 from service.store import Store
 from tests.service.by_hand import worker_info
-from tests.service.campaigns import content, spec_fields, submitted
+from tests.service.campaigns import content, finish, spec_fields, submitted
 from tests.service.coordinator.test_dispatch import start, undisturbed, wait_for  # noqa: F401 - a fixture
 from tests.service.databases import rows
 from tests.service.db.test_engine import limit_pages
@@ -189,3 +196,93 @@ def test_a_service_whose_disk_is_full_answers_and_goes_on_by_itself_once_there_i
     assert served.wait(timeout=60) == 0
     with Store(tmp_path / "full", read_only=True) as store:
         assert content(store) == expected
+
+
+def limit_files(process, most):
+    """Let no file of a process, nor of those that it starts, grow beyond so many bytes, as on a full disk."""
+    process.rlimit(resource.RLIMIT_FSIZE, (most, resource.RLIM_INFINITY))
+
+
+def own_dispatcher(service):
+    return [child for child in service.children() if "workers.dispatch" in " ".join(child.cmdline())]
+
+
+@pytest.mark.slow
+def test_a_dispatcher_that_dies_on_a_full_disk_is_back_once_there_is_room(tmp_path, start):  # noqa: F811
+    expected = undisturbed(tmp_path / "undisturbed", guesses=20)
+    served = start("serve", "--data", tmp_path / "full", "--port", 0, "--workers", 1)
+    log = tmp_path / "serve-0.log"
+    url = wait_for(lambda: log.read_text().partition("Live page: ")[2].partition("\n")[0])
+    with Client(url) as client:
+        campaign_id = client.submit(spec_fields(20))[0].id
+        wait_for(lambda: len(client.jobs(campaign_id, None, "done", 200).items) >= 3)
+        service = psutil.Process(served.pid)
+        limit_files(service, 1)
+        own_dispatcher(service)[0].kill()
+
+        def checks():
+            return httpx.get(url + "/readyz", trust_env=False, timeout=60).json()["checks"]
+
+        said = wait_for(lambda: "own" in checks()["dispatcher"] and checks()["dispatcher"])
+        assert "cannot start its own, got an archive that takes no write; it tries again" in said
+        assert served.poll() is None
+        limit_files(service, resource.RLIM_INFINITY)
+        wait_for(lambda: client.campaign(campaign_id).state == "done")
+    served.terminate()
+    assert served.wait(timeout=60) == 0
+    with Store(tmp_path / "full", read_only=True) as store:
+        assert content(store) == expected
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """Give the folder of a disk of 900 kB, and a function that leaves so many bytes free on it."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=900k", "tmpfs", str(folder)]
+    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True).returncode != 0:
+        pytest.skip("only root may mount a disk that is full")
+
+    def leave(n_bytes):
+        with (folder / "filled").open("wb") as file:
+            file.write(bytes(os.statvfs(folder).f_bavail * os.statvfs(folder).f_bsize - n_bytes))
+
+    yield folder, leave
+    subprocess.run(["umount", "-l", str(folder)], check=True)
+
+
+@pytest.mark.parametrize("n_bytes", [0, 8192])
+@pytest.mark.parametrize("is_new", [True, False])
+def test_a_start_on_a_full_disk_says_so_in_one_line(small_disk, is_new, n_bytes):
+    disk, leave = small_disk
+    if not is_new:
+        with Store(disk) as store:
+            submitted(store, spec_fields(4))
+    leave(n_bytes)
+    room = r"expected room to write, got .*(No space|disk).*; free some space and start again"
+    with pytest.raises(UserError, match=room), Coordinator(disk):
+        pass
+
+
+class FullFile(io.StringIO):
+    """A file on a disk that has room at the second attempt."""
+
+    is_full = True
+
+    def write(self, text):
+        if self.is_full:
+            self.is_full = False
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return super().write(text)
+
+
+def test_a_run_whose_log_is_on_a_full_disk_goes_on_to_its_end(tmp_path, monkeypatch):
+    monkeypatch.setattr(cli_run, "LOG_PERIOD_S", 0.0)
+    file = FullFile()
+    with Coordinator(tmp_path) as coordinator:
+        campaign_id = submitted(coordinator.store, spec_fields(4))
+        worker = threading.Timer(1.5, finish, [coordinator.store])
+        worker.start()
+        cli_run._follow(Console(file=file), coordinator, campaign_id)
+        worker.join()
+        assert coordinator.store.campaign_state(campaign_id) == "done" and "solves" in file.getvalue()
