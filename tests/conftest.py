@@ -10,8 +10,13 @@ from pathlib import Path
 import hypothesis
 import pytest
 
-from tests.ray_clusters import nodes
 from workers.threads import single_threaded
+
+# Before NumPy is imported: threads of its library wait for each other in a loop, and on a busy machine half a
+# second of arithmetic took half a minute of processor time.
+os.environ.update(single_threaded(os.environ))
+
+from tests.ray_clusters import nodes
 
 COMPILE = (
     "from core import load_problem\nfrom workers.job import Settings\nfrom workers.run import warmed\n"
@@ -34,7 +39,7 @@ def pytest_sessionstart(session):
         # The lock is that of the file as it is open here and in the child: it ends with the child.
         fcntl.flock(lock, fcntl.LOCK_EX)
         command = [sys.executable, "-c", COMPILE]
-        compiler = subprocess.Popen(command, env=single_threaded(os.environ), pass_fds=[lock.fileno()])
+        compiler = subprocess.Popen(command, pass_fds=[lock.fileno()])
     session.config.stash[COMPILER] = compiler
 
 
@@ -67,7 +72,10 @@ class LentCluster:
 
 
 def pytest_collection_modifyitems(items):
-    """Run the files that need Ray last, so that its processes do not take time from all other tests."""
+    """Call tests that need Ray slow; run their files last, so that others have the time of its processes."""
+    for item in items:
+        if item.get_closest_marker("ray"):
+            item.add_marker("slow")
     files = {item.path for item in items if item.get_closest_marker("ray")}
     items.sort(key=lambda item: item.path in files)
 

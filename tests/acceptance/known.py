@@ -6,6 +6,7 @@ infeasible, as most guesses do. Iterations, CPU times and the defects "as solved
 """
 
 import json
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -55,10 +56,8 @@ def _seed_place(job):
 
 def record(job, x):
     """Return the solve that found a vector, certified by the verifier."""
-    problem, vector = problem_from(job.problem), np.array(x)
-    found = verify(problem, vector)
+    found, flown = _flown(json.dumps(job.problem), tuple(x))
     defects = tuple(map(tuple, found.defects.tolist()))
-    flown = trajectory(problem, vector, found)
     return SolveRecord(
         ending=Ending.FEASIBLE,
         status="OPTIMAL",
@@ -71,6 +70,14 @@ def record(job, x):
         certificate=certificate(found, 0.3),
         **_common(job, job.address.hop),
     )
+
+
+@cache
+def _flown(definition, x):
+    """Return the verification and the trajectory of a vector: the same in every archive of a process."""
+    problem, vector = problem_from(json.loads(definition)), np.array(x)
+    found = verify(problem, vector)
+    return found, trajectory(problem, vector, found)
 
 
 def failure(job, hop):

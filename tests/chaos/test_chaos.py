@@ -25,6 +25,7 @@ SHORT = RoundOrder(
 )
 
 
+@pytest.mark.slow
 def test_what_is_killed_costs_no_job_no_outcome_and_no_bit(tmp_path):
     told = Round(SHORT, tmp_path, Random(5)).run()
     assert told["faults"] == []

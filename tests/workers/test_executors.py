@@ -13,6 +13,7 @@ from workers.executor import ExecutorError, Ticket
 from workers.inline import Inline
 from workers.job import Ending
 from workers.process_pool import ProcessPool
+from workers.threads import THREAD_VARIABLES
 
 FAKE = "tests.workers.fake:"
 RAY = pytest.param("ray", marks=pytest.mark.ray)
@@ -165,7 +166,9 @@ def test_an_executor_works_on_after_a_crash(opened, kind):
 
 
 @with_processes
-def test_a_job_runs_in_another_process_with_one_thread(opened, kind):
+def test_a_job_runs_in_another_process_with_one_thread(opened, kind, monkeypatch):
+    for name in THREAD_VARIABLES:
+        monkeypatch.setenv(name, "2")
     executor = opened(kind, "run_reporting_threads")
     executor.submit(Ticket(1, 1), hop_job())
     pid, variable, threads = collected(executor, 1)[0].outcome.error.split(maxsplit=2)

@@ -9,6 +9,7 @@ from workers.executor import Ticket
 from workers.job import Ending, HopLaws, Settings
 from workers.process_pool import ProcessPool
 from workers.run import run_job
+from workers.threads import THREAD_VARIABLES
 
 #: The first job of a process may have to compile [s].
 PATIENCE_S = 400.0
@@ -61,7 +62,9 @@ def test_a_solve_inside_ipopt_stops_when_asked(pool):
     assert time.monotonic() - begin < 60.0  # where the solves would go on for hours
 
 
-def test_a_real_solve_leaves_one_thread_in_force():
+def test_a_real_solve_leaves_one_thread_in_force(monkeypatch):
+    for name in THREAD_VARIABLES:
+        monkeypatch.setenv(name, "2")
     measuring = ProcessPool(1, "tests.workers.fake:run_solving_then_reporting_threads")
     measuring.submit(Ticket(1, 1), hop_job())
     told = collected(measuring, 1)[1].error

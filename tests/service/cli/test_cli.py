@@ -252,6 +252,7 @@ def test_doctor_says_what_to_do_about_a_cache_that_cannot_be_written(coastarc, s
     assert code == 1 and cache["state"] == "failed" and "set XDG_CACHE_HOME" in cache["advice"]
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_stops_cleanly_and_goes_on_to_the_same_end(tmp_path, spec_file):
     with Store(tmp_path) as undisturbed:
         submitted(undisturbed)
@@ -271,6 +272,7 @@ def test_an_interrupted_run_stops_cleanly_and_goes_on_to_the_same_end(tmp_path, 
         assert content(store) == expected
 
 
+@pytest.mark.slow
 def test_a_killed_run_leaves_no_process_and_goes_on(tmp_path, spec_file):
     process = start(tmp_path, "run", spec_file, "--workers", "2", runner="run_until_stopped")
     wait_for(lambda: n_running(tmp_path) == 2)

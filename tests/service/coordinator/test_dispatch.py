@@ -82,6 +82,7 @@ def n_done(store):
     return len(store.jobs(None, None, "done", 200).items)
 
 
+@pytest.mark.slow
 def test_two_dispatchers_find_what_one_finds_and_hand_in_what_they_have_at_the_end(tmp_path, dispatch):
     expected = undisturbed(tmp_path / "one", guesses=48)
     with Coordinator(tmp_path / "two", leases=LEASES) as coordinator:
@@ -108,6 +109,7 @@ def guarded(tmp_path, monkeypatch):
         yield coordinator, token
 
 
+@pytest.mark.slow
 def test_a_killed_dispatcher_is_replaced_and_its_jobs_run_again_after_their_leases(tmp_path, guarded):
     coordinator, _ = guarded
     expected = undisturbed(tmp_path / "undisturbed", guesses=24)
@@ -143,6 +145,7 @@ def test_an_admin_who_revokes_the_token_of_the_own_dispatcher_does_no_harm(tmp_p
     assert rows(store, "SELECT count(*) FROM audit WHERE status = 401")[0][0] < 10
 
 
+@pytest.mark.slow
 def test_a_killed_coordinator_is_started_again_and_nothing_is_lost(tmp_path, start, dispatch):
     expected = undisturbed(tmp_path / "undisturbed", guesses=32)
     with socket.socket() as probe:
