@@ -166,13 +166,12 @@ class SpkTarget(_Strict):
 
     @model_validator(mode="after")
     def _readable(self) -> Self:
-        if not self.path.is_file():
-            raise ValueError(f"expected an SPK file, got {self.path}, which is not a file")
-        # Whoever runs a job stands in another folder.
-        object.__setattr__(self, "path", self.path.resolve())
         try:
-            facts = self.path.stat()
-            digest = _file_digest(self.path, facts.st_mtime_ns, facts.st_size)
+            if not self.path.is_file():
+                raise ValueError(f"expected an SPK file, got {self.path}, which is not a file")
+            # Whoever runs a job stands in another folder.
+            object.__setattr__(self, "path", self.path.resolve())
+            digest = self.digest_now()
         except OSError as error:
             raise ValueError(f"expected an SPK file, got {self.path}: {error.strerror}") from error
         if self.digest not in (None, digest):
@@ -183,9 +182,14 @@ class SpkTarget(_Strict):
         object.__setattr__(self, "digest", digest)
         return self
 
+    def digest_now(self) -> str:
+        """Return the digest of the content that the file has by now."""
+        facts = self.path.stat()
+        return _file_digest(self.path, facts.st_ino, facts.st_mtime_ns, facts.st_size)
+
 
 @functools.lru_cache(maxsize=64)
-def _file_digest(path: Path, changed_ns: int, n_bytes: int) -> str:
+def _file_digest(path: Path, inode: int, changed_ns: int, n_bytes: int) -> str:
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, lambda: hashlib.blake2b(digest_size=16)).hexdigest()
 
@@ -383,7 +387,11 @@ def beside(fields: Any, folder: Path) -> Any:
     target = fields.get("target") if isinstance(fields, Mapping) else None
     if not isinstance(target, Mapping) or not isinstance(target.get("path"), str):
         return fields
-    return {**fields, "target": {**target, "path": str((folder / target["path"]).resolve())}}
+    try:
+        path = str((folder / target["path"]).resolve())
+    except (OSError, ValueError):
+        return fields  # The check of the field says what is wrong with it.
+    return {**fields, "target": {**target, "path": path}}
 
 
 def problem_from(fields: Any) -> Problem:

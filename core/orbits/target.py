@@ -21,8 +21,10 @@ from core.constants import (
 )
 from core.dynamics import force_model
 from core.ephemeris import EphemerisTable, body_table, one_at_a_time
-from core.ephemeris.spk import ChebyshevOrbit, check_coverage, fit_orbit, read_orbit, write_orbit
-from core.ephemeris.tables import MIN_COEFFICIENTS, coefficients_through, record_nodes
+from core.ephemeris.daf import SpkError
+from core.ephemeris.kernels import spice_name
+from core.ephemeris.spk import ChebyshevOrbit, check_coverage, orbit_of, read_orbit, write_orbit
+from core.ephemeris.tables import coefficients_through, record_nodes
 from core.orbits.nrho import PatchedOrbit, margin_days, nrho
 from core.orbits.spiral import departure_state
 from core.problem import NrhoTarget, Problem, SpkTarget, content_hash, seconds_past_j2000
@@ -41,7 +43,6 @@ _N_COEFFICIENTS = 24
 _VERSION = 2
 
 
-@one_at_a_time
 def target_kernel(problem: Problem, cache_folder: Path | None = None) -> tuple[Path, int]:
     """Return the SPK of a problem's target and the identifier of the target in it.
 
@@ -55,28 +56,50 @@ def target_kernel(problem: Problem, cache_folder: Path | None = None) -> tuple[P
     Raises
     ------
     SpkError
-        When a given kernel lacks the target or a part of the span.
+        When a given kernel cannot be read, lacks the target or a part of the span, or has been changed.
     HaloError, ShootingError
         When there is no NRHO of the given period.
     """
     start, stop = window_days(problem)
     departure_et = departure_state(problem.departure, problem.spacecraft).et
     if isinstance(problem.target, SpkTarget):
-        path, naif_id = problem.target.path, problem.target.naif_id
-        check_coverage(
-            path, naif_id, departure_et + start * SECONDS_PER_DAY, departure_et + stop * SECONDS_PER_DAY
+        _given_orbit(problem.target, departure_et, start, stop)
+        return problem.target.path, problem.target.naif_id
+    return _nrho_kernel(problem, problem.target, departure_et, start, stop, cache_folder)
+
+
+def _given_orbit(target: SpkTarget, departure_et: float, start: float, stop: float) -> ChebyshevOrbit:
+    """Return the orbit of a user's kernel after all that may be wrong with it has been looked for."""
+    spice_name(target.path)
+    digest = target.digest_now()
+    if target.digest not in (None, digest):
+        raise SpkError(
+            f"target {target.path}: expected the file with digest {target.digest}, got {digest}; "
+            f"it has been changed since"
         )
-        return path, naif_id
-    folder = user_cache_path("coastarc") if cache_folder is None else cache_folder
-    path = folder / f"nrho-{_identity(problem.target, departure_et, start, stop)}.bsp"
-    if not path.is_file():
-        folder.mkdir(parents=True, exist_ok=True)
-        orbit = _records(_ballistic(problem, departure_et), departure_et, start, stop)
-        write_orbit(path, NRHO_ID, orbit, _provenance(problem.target))
-    return path, NRHO_ID
+    span = tuple(departure_et + days * SECONDS_PER_DAY for days in (start, stop))
+    check_coverage(target.path, target.naif_id, *span)
+    return orbit_of(target.path, target.naif_id, *span, digest)
 
 
 @one_at_a_time
+def _nrho_kernel(
+    problem: Problem,
+    target: NrhoTarget,
+    departure_et: float,
+    start: float,
+    stop: float,
+    cache_folder: Path | None,
+) -> tuple[Path, int]:
+    folder = user_cache_path("coastarc") if cache_folder is None else cache_folder
+    path = folder / f"nrho-{_identity(target, departure_et, start, stop)}.bsp"
+    if not path.is_file():
+        folder.mkdir(parents=True, exist_ok=True)
+        orbit = _records(_ballistic(problem, departure_et), departure_et, start, stop)
+        write_orbit(path, NRHO_ID, orbit, _provenance(target))
+    return path, NRHO_ID
+
+
 def target_table(problem: Problem, cache_folder: Path | None = None) -> EphemerisTable:
     """Return the target relative to the Moon: three columns [LU], time in TU past the departure epoch.
 
@@ -86,18 +109,20 @@ def target_table(problem: Problem, cache_folder: Path | None = None) -> Ephemeri
         As for `target_kernel`.
     """
     departure_et = departure_state(problem.departure, problem.spacecraft).et
-    # A file of a user may be replaced by another one of the same name.
-    digest = getattr(problem.target, "digest", None)
-    return _table(*target_kernel(problem, cache_folder), digest, departure_et, *window_days(problem))
+    if isinstance(problem.target, SpkTarget):
+        return _table_of(_given_orbit(problem.target, departure_et, *window_days(problem)), departure_et)
+    return _generated_table(*target_kernel(problem, cache_folder), departure_et)
 
 
 @functools.cache
-def _table(
-    path: Path, naif_id: int, digest: str | None, departure_et: float, start: float, stop: float
-) -> EphemerisTable:
+@one_at_a_time
+def _generated_table(path: Path, naif_id: int, departure_et: float) -> EphemerisTable:
     orbit = read_orbit(path, naif_id)
-    if orbit is None or orbit.coefficients.shape[1] < MIN_COEFFICIENTS:
-        orbit = fit_orbit(path, naif_id, *(departure_et + days * SECONDS_PER_DAY for days in (start, stop)))
+    assert orbit is not None
+    return _table_of(orbit, departure_et)
+
+
+def _table_of(orbit: ChebyshevOrbit, departure_et: float) -> EphemerisTable:
     first = (orbit.start_et - departure_et) / TU_S
     return EphemerisTable(first, orbit.record_s / TU_S, orbit.coefficients / LU_KM)
 

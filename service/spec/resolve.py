@@ -4,7 +4,7 @@ A worker would find out as well that one of them cannot be, but only with one de
 """
 
 from core.ephemeris import EpochError, KernelError
-from core.ephemeris.spk import SpkError
+from core.ephemeris.daf import SpkError
 from core.orbits import SpiralError, departure_state, target_kernel
 from core.orbits.halo import HaloError
 from core.orbits.shooting import ShootingError

@@ -10,7 +10,8 @@ import spiceypy
 from core.analysis.verify import verify
 from core.constants import SECONDS_PER_DAY
 from core.ephemeris import furnish, state_at
-from core.ephemeris.spk import SpkError, new_spk, read_orbit
+from core.ephemeris.daf import SpkError
+from core.ephemeris.spk import new_spk, read_orbit
 from core.orbits.target import target_kernel, target_table
 from core.problem import ProblemError, load_problem, problem_from, seconds_past_j2000
 from core.tolerances import violation

@@ -2,6 +2,7 @@
 
 import multiprocessing
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ from scipy.integrate import solve_ivp
 
 from core.constants import BODIES, GM_EARTH, GM_JUPITER, GM_MOON, GM_SUN, SECONDS_PER_DAY
 from core.ephemeris import furnish, state_at
-from core.ephemeris.spk import SpkError, read_orbit
+from core.ephemeris.daf import SpkError
+from core.ephemeris.spk import read_orbit
 from core.orbits.target import NRHO_WINDOW_DAYS, target_kernel, target_table
 from core.problem import load_problem, problem_from, seconds_past_j2000
 from core.units import LU_KM, TU_DAYS, VU_KM_S
@@ -132,7 +134,7 @@ def test_any_spk_with_the_target_will_do(kernel):
         np.testing.assert_array_equal(state_at(table, days), state_at(generated, days))
     # Mars's barycentre is in DE440, about the Sun and not the Moon: the table is fitted through SPICE.
     kernels = [spiceypy.kdata(i, "SPK")[0] for i in range(spiceypy.ktotal("SPK"))]
-    planets = next(path for path in kernels if path.endswith("de440.bsp"))
+    planets = next(Path(path) for path in kernels if path.endswith("de440.bsp"))
     assert read_orbit(planets, 4) is None
     mars = target_table(given(planets, 4))
     for days in (0.0, 12.3, 150.0):

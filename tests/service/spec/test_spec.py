@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from service.spec import SpecError, load_spec, spec_from
+from service.spec.resolve import require_flyable
 from service.spec.spec_check import check_text
 from tests.service.campaigns import OUTAGE, spec_fields
 
@@ -232,3 +233,21 @@ def test_a_byte_order_mark_before_a_specification_means_nothing(tmp_path, mark):
     (tmp_path / "a.toml").write_text(mark + TOML, encoding="utf-8")
     (tmp_path / "b.toml").write_text(TOML, encoding="utf-16")
     assert load_spec(tmp_path / "a.toml") == load_spec(tmp_path / "b.toml") == check_text(mark + TOML).spec
+
+
+def test_a_damaged_kernel_is_refused_in_one_line_before_anything_runs(tmp_path):
+    (tmp_path / "orbit.bsp").write_bytes(b"DAF/SPK " + bytes(5000))
+    target = {"kind": "spk", "path": "orbit.bsp", "naif_id": -7}
+    fields = spec_fields(problem={"preset": "ppe-drm3", "target": target})
+    (tmp_path / "a.json").write_text(json.dumps(fields))
+    with pytest.raises(SpecError, match=r"^spec\.problem: target .*: expected a sound SPK kernel, got"):
+        require_flyable(load_spec(tmp_path / "a.json").problem)
+
+
+@pytest.mark.parametrize("path", ["a\0b", "x" * 300, "x/" * 3000, ".", ""])
+def test_a_path_that_is_none_is_refused(path, tmp_path):
+    target = {"kind": "spk", "path": path, "naif_id": -7}
+    fields = spec_fields(problem={"preset": "ppe-drm3", "target": target})
+    (tmp_path / "a.json").write_text(json.dumps(fields))
+    with pytest.raises(SpecError, match=r"spec\.problem\.target.*expected "):
+        load_spec(tmp_path / "a.json")
