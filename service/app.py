@@ -9,6 +9,7 @@ from fastapi.middleware.gzip import GZipMiddleware
 from starlette.routing import BaseRoute
 
 from service.access.guard import Guard
+from service.access.heavy import HeavyWork
 from service.access.limits import Streams
 from service.access.security import Access, access_on
 from service.api import (
@@ -78,6 +79,7 @@ def create_app(
     )
     app.state.store = store
     app.state.is_closing = is_closing
+    app.state.heavy = HeavyWork()
     app.state.access = access
     #: Why a coordinator's own dispatcher does not run, in words for everybody; set by the coordinator.
     app.state.trouble = lambda: None

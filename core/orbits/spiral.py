@@ -9,13 +9,14 @@ with times in TU past the start of the spiral.
 
 import functools
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from core.constants import G0, GM_EARTH, GM_JUPITER, GM_MOON, GM_SUN
+from core.constants import G0, GM_EARTH, GM_JUPITER, GM_MOON, GM_SUN, RADIUS_EARTH_KM
 from core.dynamics.force import FIELD_WIDTH, field_at, field_table, gravity
 from core.ephemeris import EphemerisTable, body_table, states
 from core.jit import compiled
@@ -33,6 +34,9 @@ from core.units import (
 )
 
 Array = NDArray[np.float64]
+
+#: No spiral is followed longer [days].
+LONGEST_SPIRAL_DAYS = 3000.0
 
 # Errors grow with the square of the time along the track, over some 200 revolutions: this leaves 3 m.
 _TOLERANCE = 3e-14
@@ -55,7 +59,18 @@ class DepartureState(NamedTuple):
     mass_kg: float
 
 
-def departure_state(departure: StateDeparture | SpiralDeparture, spacecraft: Spacecraft) -> DepartureState:
+@dataclass(frozen=True, slots=True)
+class _Patience:
+    """Whether to give up; equal to any other, since it shapes no spiral that is kept."""
+
+    stop: Callable[[], bool] | None = field(default=None, compare=False)
+
+
+def departure_state(
+    departure: StateDeparture | SpiralDeparture,
+    spacecraft: Spacecraft,
+    stop: Callable[[], bool] | None = None,
+) -> DepartureState:
     """Return the state in which a transfer starts, computing the spiral where there is one.
 
     Parameters
@@ -64,14 +79,17 @@ def departure_state(departure: StateDeparture | SpiralDeparture, spacecraft: Spa
         The departure of a problem.
     spacecraft : Spacecraft
         Mass [kg], thrust [N] and specific impulse [s] for the spiral.
+    stop : callable, optional
+        Asked at every step whether to give up.
 
     Raises
     ------
     SpiralError
-        When the propellant is spent before the Jacobi value or the duration is reached.
+        When the propellant is spent before the Jacobi value or the duration is reached, the spiral meets the
+        Earth, or it was stopped.
     """
     if isinstance(departure, SpiralDeparture):
-        return _end_of_spiral(departure, spacecraft)
+        return _end_of_spiral(departure, spacecraft, _Patience(stop))
     return DepartureState(
         seconds_past_j2000(departure.epoch),
         np.array(departure.position_km),
@@ -80,14 +98,14 @@ def departure_state(departure: StateDeparture | SpiralDeparture, spacecraft: Spa
     )
 
 
-@functools.cache
-def _end_of_spiral(departure: SpiralDeparture, spacecraft: Spacecraft) -> DepartureState:
+@functools.lru_cache(maxsize=256)
+def _end_of_spiral(departure: SpiralDeparture, spacecraft: Spacecraft, patience: _Patience) -> DepartureState:
     start_et = seconds_past_j2000(departure.epoch)
     max_thrust = thrust_canonical(spacecraft.max_thrust_n)
     mass_rate = max_thrust / exhaust_velocity_canonical(spacecraft.isp_s, G0)
     # With the dry mass the tanks are empty.
     longest = (spacecraft.wet_mass_kg - spacecraft.dry_mass_kg) / MU_KG / mass_rate
-    stop = min(longest, departure.duration_days / TU_DAYS if departure.duration_days else longest)
+    stop = min(longest, (departure.duration_days or LONGEST_SPIRAL_DAYS) / TU_DAYS)
     bodies = body_table(start_et, 0.0, stop * TU_DAYS)
     gm = np.array([gm_canonical(body) for body in (GM_EARTH, GM_MOON, GM_SUN, GM_JUPITER)])
     arc = scipy.integrate.solve_ivp(
@@ -98,15 +116,17 @@ def _end_of_spiral(departure: SpiralDeparture, spacecraft: Spacecraft) -> Depart
         rtol=_TOLERANCE,
         atol=_TOLERANCE,
         args=(field_table(gm, bodies), gm, max_thrust, mass_rate),
-        events=_until(departure, bodies),
+        events=[_surface(departure, patience), *_until(departure, bodies)],
     )
     t, y = float(arc.t[-1]), arc.y[:, -1]
+    is_fallen = arc.status == 1 and len(arc.t_events[0]) > 0
     is_at_end = arc.status == 1 if departure.jacobi is not None else stop < longest
-    if not (arc.success and is_at_end):
+    if is_fallen or not (arc.success and is_at_end):
+        reason = "the tanks are empty" if stop == longest else f"{LONGEST_SPIRAL_DAYS:g} days are over"
+        reason = "it meets the Earth" if is_fallen else reason if arc.success else arc.message
         raise SpiralError(
             f"spiral: expected {_goal(departure)} before the propellant is spent, "
-            f"got an end at {calendar_epoch(start_et + t * TU_S)}: "
-            f"{'the tanks are empty' if arc.success else arc.message}"
+            f"got an end at {calendar_epoch(start_et + t * TU_S)}: {reason}"
         )
     return DepartureState(start_et + t * TU_S, y[:3] * LU_KM, y[3:6] * VU_KM_S, float(y[6]) * MU_KG)
 
@@ -131,10 +151,25 @@ def _perigee(departure: SpiralDeparture) -> Array:
     return np.concatenate([perigee / LU_KM * radial, speed / VU_KM_S * forward])
 
 
-def _until(departure: SpiralDeparture, bodies: EphemerisTable) -> Callable[..., float] | None:
+def _surface(departure: SpiralDeparture, patience: _Patience) -> Callable[..., float]:
+    """Return the event of meeting the Earth, which also asks whether to give up."""
+
+    def height(t: float, y: Array, *_: object) -> float:
+        if patience.stop is not None and patience.stop():
+            raise SpiralError(
+                f"spiral: expected {_goal(departure)} within the time for its computation, got to "
+                f"{t * TU_DAYS:.1f} days; begin higher, thrust more, or give its end as a state"
+            )
+        return float(np.sqrt(y[0] ** 2 + y[1] ** 2 + y[2] ** 2)) - RADIUS_EARTH_KM / LU_KM
+
+    height.terminal, height.direction = True, -1.0  # type: ignore[attr-defined]
+    return height
+
+
+def _until(departure: SpiralDeparture, bodies: EphemerisTable) -> list[Callable[..., float]]:
     """Return the event at which the spiral ends, if not at a given time."""
     if departure.jacobi is None:
-        return None
+        return []
     goal, place = departure.jacobi, np.empty((3, bodies.coefficients.shape[2]))
 
     def excess(t: float, y: Array, *_: object) -> float:
@@ -142,7 +177,7 @@ def _until(departure: SpiralDeparture, bodies: EphemerisTable) -> Callable[..., 
         return jacobi(place[:, :3], y[:3], y[3:6]) - goal
 
     excess.terminal, excess.direction = True, -1.0  # type: ignore[attr-defined]
-    return excess
+    return [excess]
 
 
 @compiled

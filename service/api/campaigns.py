@@ -9,11 +9,12 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Body, Header, Path, Response
 
-from service.api.context import Id, StoreHere
+from service.api.context import HeavyHere, Id, StoreHere
 from service.api.jobs import CONFLICT
 from service.api.schemas import CampaignView, PriorityWanted, WeightWanted
 from service.spec import spec_from
 from service.spec.resolve import require_flyable
+from service.store import Store
 
 router = APIRouter(tags=["campaigns"])
 
@@ -42,9 +43,10 @@ Priority = Annotated[PriorityWanted, Body(examples=[{"priority": -1}])]
 
 
 @router.post("/campaigns", status_code=201, responses={200: {"model": CampaignView}, **CONFLICT})
-def submit_campaign(
+async def submit_campaign(
     spec: Annotated[dict[str, Any], Body(examples=[EXAMPLE])],
     store: StoreHere,
+    heavy: HeavyHere,
     response: Response,
     idempotency_key: Key = None,
 ) -> CampaignView:
@@ -52,12 +54,17 @@ def submit_campaign(
 
     With an `Idempotency-Key` another specification under the same key is refused (409, `key_reused`).
     """
+    view, is_new = await heavy.run(_submitted, store, spec, idempotency_key)
+    response.status_code = 201 if is_new else 200
+    response.headers["location"] = f"/api/v1/campaigns/{view.id}"
+    return view
+
+
+def _submitted(store: Store, spec: dict[str, Any], key: str | None) -> tuple[CampaignView, bool]:
     specification = spec_from(spec)
     require_flyable(specification.problem)
-    campaign_id, is_new = store.submit(specification, idempotency_key)
-    response.status_code = 201 if is_new else 200
-    response.headers["location"] = f"/api/v1/campaigns/{campaign_id}"
-    return store.campaign(campaign_id)
+    campaign_id, is_new = store.submit(specification, key)
+    return store.campaign(campaign_id), is_new
 
 
 @router.get("/campaigns/{campaign_id}")

@@ -4,6 +4,7 @@ from typing import Annotated
 
 from fastapi import Depends, Path, Query, Request
 
+from service.access.heavy import HeavyWork
 from service.access.security import Access
 from service.access.tokens import Identity
 from service.store import Store
@@ -19,6 +20,11 @@ def _access(request: Request) -> Access:
     return access
 
 
+async def _heavy(request: Request) -> HeavyWork:
+    heavy: HeavyWork = request.app.state.heavy
+    return heavy
+
+
 def _identity(request: Request) -> Identity:
     # Set by `service.access.guard`, which lets nobody through without.
     identity: Identity = request.state.identity
@@ -27,6 +33,8 @@ def _identity(request: Request) -> Identity:
 
 StoreHere = Annotated[Store, Depends(_store)]
 AccessHere = Annotated[Access, Depends(_access)]
+#: Where a route runs that keeps a processor busy for seconds.
+HeavyHere = Annotated[HeavyWork, Depends(_heavy)]
 #: Who asks: for routes whose line in `service.access.rights` names roles.
 IdentityHere = Annotated[Identity, Depends(_identity)]
 #: Ids fit into the database's integers.

@@ -13,6 +13,7 @@ from starlette.exceptions import HTTPException
 from core.export import ExportError
 from core.faults import fault_lines
 from core.problem import ProblemError
+from service.access.heavy import BUSY_PAUSE_S, BusyError
 from service.access.request_body import BodyFault
 from service.api.schemas import Fault
 from service.db.errors import Unavailable, WriteFault
@@ -129,6 +130,10 @@ def add_error_handlers(app: FastAPI) -> None:
     @app.exception_handler(BodyFault)
     def body(_: Request, error: BodyFault) -> JSONResponse:
         return problem_response(error.status, str(error))
+
+    @app.exception_handler(BusyError)
+    def busy(_: Request, error: BusyError) -> JSONResponse:
+        return problem_response(503, str(error), {"Retry-After": str(BUSY_PAUSE_S)})
 
     @app.exception_handler(StaleAttempt)
     def stale(_: Request, error: StaleAttempt) -> JSONResponse:

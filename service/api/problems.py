@@ -7,12 +7,13 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Body, Response
 
 from core.problem import problem_from
-from service.api.context import Hash, StoreHere
+from service.api.context import Hash, HeavyHere, StoreHere
 from service.api.problem_schemas import ProblemFamily, ProblemStructure
 from service.api.schemas import ProblemPage, ProblemView
 from service.dashboard.structure import structure_of
 from service.spec import problem_without_files
 from service.spec.resolve import require_flyable
+from service.store import Store
 
 router = APIRouter(tags=["problems"])
 
@@ -28,18 +29,27 @@ def list_problems(store: StoreHere) -> ProblemPage:
 
 
 @router.post("/problems", status_code=201, responses={200: {"model": ProblemView}})
-def add_problem(
-    fields: Annotated[dict[str, Any], Body(examples=[EXAMPLE])], store: StoreHere, response: Response
+async def add_problem(
+    fields: Annotated[dict[str, Any], Body(examples=[EXAMPLE])],
+    store: StoreHere,
+    heavy: HeavyHere,
+    response: Response,
 ) -> ProblemView:
     """Check a problem and store it under its hash, for which seeds may then be asked.
 
     The same one again changes nothing (200).  Fields are those of a specification's `problem`, and `outages`.
     """
+    view, is_new = await heavy.run(_added, store, fields)
+    response.status_code = 201 if is_new else 200
+    response.headers["location"] = f"/api/v1/problems/{view.hash}"
+    return view
+
+
+def _added(store: Store, fields: dict[str, Any]) -> tuple[ProblemView, bool]:
     problem = problem_without_files(fields)
     require_flyable(problem, "problem")
-    response.status_code = 201 if store.add_problem(problem) else 200
-    response.headers["location"] = f"/api/v1/problems/{problem.hash}"
-    return store.problem(problem.hash)
+    is_new = store.add_problem(problem)
+    return store.problem(problem.hash), is_new
 
 
 @router.get("/problems/{problem_hash}")

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Body
 
-from service.api.context import Id, StoreHere
+from service.api.context import HeavyHere, Id, StoreHere
 from service.api.spec_schemas import (
     FaultView,
     PlannedSearch,
@@ -29,9 +29,15 @@ EXAMPLE = '[campaign]\nname = "quick"\nrng_seed = 2026\n'
 
 
 @router.post("/specs/check")
-def check_spec(wanted: Annotated[SpecToCheck, Body(examples=[{"text": EXAMPLE}])]) -> SpecCheck:
+async def check_spec(
+    wanted: Annotated[SpecToCheck, Body(examples=[{"text": EXAMPLE}])], heavy: HeavyHere
+) -> SpecCheck:
     """Say what is wrong with a specification, line by line, or what it would run; nothing is stored."""
-    checked = check_text(wanted.text)
+    return await heavy.run(_checked, wanted.text)
+
+
+def _checked(text: str) -> SpecCheck:
+    checked = check_text(text)
     return SpecCheck(
         faults=[FaultView.model_validate(fault) for fault in checked.faults],
         fields=checked.fields,

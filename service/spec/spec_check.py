@@ -75,7 +75,7 @@ def _messages(error: SpecError) -> Iterator[str]:
     if isinstance(cause, ValidationError):
         yield from fault_lines("spec", cause.errors(include_url=False), Spec)
     else:
-        yield str(error)
+        yield from str(error).splitlines()
 
 
 def _fault(message: str, fields: dict[str, Any], text: str) -> Fault:

@@ -1,0 +1,194 @@
+"""Problems that no spacecraft can fly: each refused with its field, its value and the likely slip."""
+
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from core.ephemeris import body_table
+from core.ephemeris.kernels import planetary_kernel
+from core.ephemeris.spk import ChebyshevOrbit, write_orbit
+from core.ephemeris.tables import coefficients_through, record_nodes, state_at
+from core.problem import (
+    FARTHEST_KM,
+    FASTEST_KM_S,
+    RANGES,
+    ProblemError,
+    load_problem,
+    problem_from,
+    require_physical,
+    seconds_past_j2000,
+)
+from core.units import LU_KM
+from service.spec import SpecError
+from service.spec.resolve import require_flyable
+from tests.service.campaigns import SPIRAL
+
+PRESET = load_problem("ppe-drm3")
+POSITION, VELOCITY = PRESET.departure.position_km, PRESET.departure.velocity_km_s
+
+
+def changed(**fields):
+    return problem_from({"preset": "ppe-drm3"} | fields)
+
+
+def metres(values):
+    return [1e3 * value for value in values]
+
+
+#: What was written, and what is said about it.
+SLIPS = [
+    (
+        {"departure": {"position_km": metres(POSITION)}},
+        r"departure\.position_km: .*, got 1\.63\d*e\+08; in metres",
+    ),
+    ({"departure": {"position_km": [1.47e8, 1e7, 0.0]}}, r"departure\.position_km: .*or from the Sun\?"),
+    ({"departure": {"position_km": [400.0, 0.0, 0.0]}}, r"expected 6378\.14 to 5e\+06 km .*, got 400; "),
+    (
+        {"departure": {"velocity_km_s": metres(VELOCITY)}},
+        r"departure\.velocity_km_s: .*, got 1711\.\d*; in m/s",
+    ),
+    ({"departure": {"velocity_km_s": [5.0, 29.8, 0.0]}}, r"velocity_km_s: .*relative to the Sun\?"),
+    ({"departure": SPIRAL | {"perigee_radius_km": 200.0}}, r"perigee_radius_km: .*, got 200; an altitude"),
+    (
+        {"departure": SPIRAL | {"apogee_radius_km": 6.7e6}},
+        r"apogee_radius_km: .*, got 6\.7e\+06; an altitude",
+    ),
+    (
+        {"spacecraft": {"isp_s": 2.0}},
+        r"spacecraft\.isp_s: expected 10 to 100000 s, got 2; an exhaust velocity",
+    ),
+    ({"spacecraft": {"max_thrust_n": 3e6}}, r"max_thrust_n: expected 1e-08 to 100000 N, got 3e\+06; "),
+    ({"spacecraft": {"wet_mass_kg": 2e7}}, r"wet_mass_kg: .* kg, got 2e\+07; in grams or tons\?"),
+    ({"bounds": {"shooting_days": [1.0, 37000.0]}}, r"bounds: expected a latest arrival within 3000 days"),
+]
+
+
+@pytest.mark.parametrize(("fields", "message"), SLIPS)
+def test_a_slip_of_a_unit_or_a_frame_is_named(fields, message):
+    problem = changed(**fields)
+    begun = time.thread_time()
+    with pytest.raises(SpecError, match=message):
+        require_flyable(problem)
+    assert time.thread_time() - begun < 1.0
+
+
+def test_all_slips_are_told_at_once_and_a_stored_definition_is_read_all_the_same():
+    problem = changed(departure={"position_km": metres(POSITION), "velocity_km_s": metres(VELOCITY)})
+    with pytest.raises(SpecError) as told:
+        require_flyable(problem, "problem")
+    assert [line.split(":")[0] for line in str(told.value).splitlines()] == [
+        "problem.departure.position_km",
+        "problem.departure.velocity_km_s",
+    ]
+    assert problem_from(problem.model_dump(mode="json")).hash == problem.hash
+
+
+def test_a_file_of_a_problem_is_checked_as_well(tmp_path):
+    (tmp_path / "p.toml").write_text('preset = "ppe-drm3"\nspacecraft = { isp_s = 2.0 }\n')
+    with pytest.raises(ProblemError, match=r"problem\.spacecraft\.isp_s: expected 10 to"):
+        load_problem(tmp_path / "p.toml")
+
+
+@pytest.mark.parametrize("naif_id", [301, 399, 10, 3])
+def test_a_body_of_the_force_model_is_no_target(naif_id):
+    target = {"kind": "spk", "path": str(planetary_kernel()), "naif_id": naif_id}
+    with pytest.raises(SpecError, match=rf"target\.naif_id: expected .*, got {naif_id}, which is a body"):
+        require_flyable(changed(target=target))
+
+
+def kernel(path, radius_km):
+    """Write an object at a fixed distance from the Moon."""
+    start = seconds_past_j2000(PRESET.departure.epoch)
+    nodes = record_nodes(0.0, 86400.0, 260, 24)
+    places = np.zeros((*nodes.shape, 3))
+    places[:, :, 0] = radius_km
+    write_orbit(
+        path, -90001, ChebyshevOrbit(start - 86400.0, 86400.0, coefficients_through(places)), "A point."
+    )
+    return changed(target={"kind": "spk", "path": str(path), "naif_id": -90001})
+
+
+@pytest.mark.parametrize(
+    ("radius_km", "message"),
+    [
+        (100.0, r"target: expected an orbit outside the Moon, radius 1737\.4 km, got 100 km"),
+        (6e6, r"target: expected an orbit within 5e\+06 km of the Earth, got [56]\.\d*e\+06 km at 202"),
+    ],
+)
+def test_a_target_through_a_body_or_far_away_is_refused(tmp_path, radius_km, message):
+    with pytest.raises(SpecError, match=message):
+        require_flyable(kernel(tmp_path / "t.bsp", radius_km))
+    require_flyable(kernel(tmp_path / "good.bsp", 40000.0))
+
+
+def test_a_departure_inside_the_moon_is_refused():
+    moon = state_at(body_table(seconds_past_j2000(PRESET.departure.epoch), 0.0, 1.0), 0.0)[0, :3] * LU_KM
+    inside = changed(departure={"position_km": np.add(moon, [1000.0, 0.0, 0.0]).tolist()})
+    with pytest.raises(SpecError, match=r"departure: expected a state outside the Moon, .*, got 1000 km"):
+        require_flyable(inside)
+
+
+def test_a_spiral_that_takes_too_long_to_compute_is_given_up(monkeypatch):
+    monkeypatch.setattr("service.spec.resolve.MOST_CPU_S", 0.2)
+    slow = SPIRAL | {"apogee_radius_km": 6578.0, "duration_days": 999.0}
+    begun = time.thread_time()
+    with pytest.raises(SpecError, match=r"within the time for its computation, got to \d+\.\d days"):
+        require_flyable(changed(departure=slow, spacecraft={"max_thrust_n": 0.01}))
+    # Compiling is not counted on.
+    assert time.thread_time() - begun < 20.0
+
+
+def test_a_spiral_ends_where_it_meets_the_earth():
+    # A perigee on the surface and an apogee beyond the Moon, whose pull and the Sun's lower it.
+    low = SPIRAL | {"perigee_radius_km": 6378.137, "apogee_radius_km": 900000.0, "duration_days": 300.0}
+    with pytest.raises(SpecError, match=r"spiral: expected .* it meets the Earth"):
+        require_flyable(changed(departure=low, spacecraft={"max_thrust_n": 1e-6}))
+
+
+def in_range(low, high):
+    return st.floats(low, high, allow_nan=False)
+
+
+def value_of(field):
+    return in_range(*next((low, high) for name, low, high, *_ in RANGES if name == field))
+
+
+@st.composite
+def problems(draw):
+    wet = draw(value_of("spacecraft.wet_mass_kg"))
+    vector = st.tuples(*[in_range(-1.0, 1.0)] * 3)
+    start = draw(in_range(0.5, 1.0)) * wet
+    craft = {"wet_mass_kg": wet, "dry_mass_kg": 0.4 * wet}
+    craft |= {name: draw(value_of(f"spacecraft.{name}")) for name in ("max_thrust_n", "isp_s")}
+    departure = {
+        "kind": "state",
+        "epoch": PRESET.departure.epoch,
+        "position_km": [FARTHEST_KM * part for part in draw(vector)],
+        "velocity_km_s": [FASTEST_KM_S * part for part in draw(vector)],
+        "mass_kg": start,
+    }
+    bounds = {
+        "shooting_days": [1.0, draw(in_range(1.0, 40.0))],
+        "min_final_mass_kg": draw(in_range(1e-3, 1e7)),
+    }
+    return {"spacecraft": craft, "departure": departure, "bounds": bounds}
+
+
+@given(problems())
+@settings(max_examples=60, deadline=None, derandomize=True)
+def test_any_problem_inside_the_ranges_is_taken_or_refused_in_one_line_for_each_fault(fields):
+    begun = time.thread_time()
+    try:
+        require_flyable(problem_from(fields))
+    except (ProblemError, SpecError) as error:
+        assert all(": expected " in line and ", got " in line for line in str(error).splitlines())
+    # The first makes the NRHO of this epoch, and compiles what is not compiled yet.
+    assert time.thread_time() - begun < 120.0
+
+
+def test_what_is_shipped_lies_inside_the_ranges():
+    require_physical(PRESET)
+    require_physical(changed(departure=SPIRAL))
