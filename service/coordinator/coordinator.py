@@ -18,6 +18,7 @@ from core.faults import UserError
 from service.access.rights import Role
 from service.access.security import Access, access_on
 from service.app import create_app
+from service.coordinator.connections import PatientProtocol, most_connections
 from service.coordinator.history_reader import read_history
 from service.coordinator.lock import FolderLock
 from service.coordinator.reaper import Reaper
@@ -101,7 +102,13 @@ class WebServer:
         self.app = create_app(store, self._closing.is_set, access)
         # Which proxy is believed is decided by `service.access.security`, which has to see who really sends.
         config = uvicorn.Config(
-            self.app, log_level="warning", access_log=False, proxy_headers=False, timeout_graceful_shutdown=2
+            self.app,
+            log_level="warning",
+            access_log=False,
+            proxy_headers=False,
+            timeout_graceful_shutdown=2,
+            http=PatientProtocol,
+            limit_concurrency=most_connections(),
         )
         self._server = uvicorn.Server(config)
         self._thread = threading.Thread(target=self._server.run, args=([listener],), name="web", daemon=True)

@@ -109,3 +109,49 @@ def test_what_a_transaction_says_is_logged_once_it_is_stored_and_never_otherwise
     store._database.write(work(False))
     store.check()
     assert [(line["message"], line["job"]) for line in lines()] == [("stored", 3)]
+
+
+@pytest.fixture
+def folding():
+    """A handler whose clock is set by hand, the logger that it serves, and what it has written."""
+    stream, now = io.StringIO(), [0.0]
+    handler = log_lines.FoldingHandler(stream, lambda: now[0])
+    handler.setFormatter(log_lines.JsonLines())
+    logger = logging.getLogger("service.folding")
+    logger.propagate, logger.handlers[:] = False, [handler]
+    yield handler, logger, now, lambda: [json.loads(line) for line in stream.getvalue().splitlines()]
+    logger.handlers.clear()
+
+
+def test_a_repeated_fault_is_one_line_a_minute_with_its_number(folding):
+    _, logger, now, written = folding
+    for _ in range(10_000):
+        logger.error("no file left: %s", "socket")
+    assert [line["message"] for line in written()] == ["no file left: socket"]
+    now[0] = 61.0
+    logger.error("no file left: %s", "socket")
+    assert [line["message"] for line in written()[1:]] == [
+        "9999 more within 60 s like: no file left: socket",
+        "no file left: socket",
+    ]
+
+
+def test_faults_of_one_place_that_name_different_jobs_are_folded_from_the_twentieth_on(folding):
+    handler, logger, _, written = folding
+    for job in range(1000):
+        logger.warning("job %d failed", job, extra={"job": job})
+    logger.warning("another fault")
+    assert [line["message"] for line in written()] == [f"job {n} failed" for n in range(20)] + [
+        "another fault"
+    ]
+    handler.close()
+    assert written()[-1]["message"] == "980 more within 60 s like: job 0 failed"
+
+
+def test_what_is_no_fault_is_never_folded_and_faults_of_different_causes_are_told_apart(folding):
+    _, logger, _, written = folding
+    logger.setLevel(logging.INFO)
+    for cause in (KeyError("a"), KeyError("b"), KeyError("b")):
+        logger.info("claimed")
+        logger.error("failed", exc_info=cause)
+    assert [line["message"] for line in written()] == ["claimed", "failed", "claimed", "failed", "claimed"]
