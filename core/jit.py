@@ -3,16 +3,21 @@
 Numba notices a change in the file of a kernel, but not in a file that the kernel calls into.  So the
 cache folder is named by a hash of all sources that a kernel can see, those from transcription downwards:
 changed code never meets stale machine code.  It is named by their place as well: numba asks for the times of
-the files too, and two copies of coastarc would throw away each other's kernels.
+the files too, and two copies of coastarc would throw away each other's kernels.  Each file of the cache ends
+with a digest, without which numba would load, and run, whatever it holds.
 """
 
 import hashlib
-from collections.abc import Callable
+import io
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
-from platformdirs import user_cache_path
+from numba.core.caching import IndexDataCacheFile
+
+from core.cache import cache_folder
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
@@ -31,8 +36,46 @@ def _sources_digest() -> str:
 
 
 numba.config.CACHE_DIR = str(  # type: ignore[attr-defined]
-    user_cache_path("coastarc") / f"compiled-{_sources_digest()}"
+    cache_folder() / f"compiled-{_sources_digest()}"
 )
+
+
+class _SealedFiles(IndexDataCacheFile):
+    """The index and the machine code of one kernel; a file that is cut off or altered counts as absent."""
+
+    @contextmanager
+    def _open_for_write(self, filepath: str) -> Iterator[io.BytesIO]:
+        with super()._open_for_write(filepath) as stream:
+            content = io.BytesIO()
+            yield content
+            # Numba reads pickles, which end before what follows them.
+            stream.write(content.getvalue() + _seal(content.getvalue()))
+
+    def _load_index(self) -> dict[Any, str]:
+        load: Any = super()._load_index
+        found: dict[Any, str] = load() if _is_whole(self._index_path) else {}
+        return found
+
+    def _load_data(self, name: str) -> Any:
+        load: Any = super()._load_data
+        if not _is_whole(Path(self._cache_path) / name):
+            raise OSError(f"kernel {name}: expected it with its digest, got another file")
+        return load(name)
+
+
+_SEAL_BYTES = 16
+
+
+def _seal(content: bytes) -> bytes:
+    return hashlib.blake2b(content, digest_size=_SEAL_BYTES).digest()
+
+
+def _is_whole(path: str | Path) -> bool:
+    try:
+        content = Path(path).read_bytes()
+    except OSError:
+        return False
+    return content[-_SEAL_BYTES:] == _seal(content[:-_SEAL_BYTES])
 
 
 def compiled(kernel: Kernel) -> Kernel:
@@ -42,4 +85,9 @@ def compiled(kernel: Kernel) -> Kernel:
     The arithmetic is strictly IEEE.  With fused multiply-adds the compiler rounds a function differently in
     each place that it is inlined, and then a process that compiles and one that loads disagree.
     """
-    return cast(Kernel, numba.njit(cache=True, error_model="numpy")(kernel))
+    dispatcher: Any = numba.njit(cache=True, error_model="numpy")(kernel)
+    cache = dispatcher._cache
+    files = cache._cache_file
+    sealed: Any = _SealedFiles
+    cache._cache_file = sealed(cache.cache_path, cache._impl.filename_base, files._source_stamp)
+    return cast(Kernel, dispatcher)

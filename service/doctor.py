@@ -69,6 +69,7 @@ def _numba_cache() -> Check:
     import numba
 
     import core.jit  # noqa: F401 - it says where compiled code is kept
+    from core.cache import cache_note
 
     settings: Any = numba.config
     folder = Path(settings.CACHE_DIR)
@@ -77,9 +78,11 @@ def _numba_cache() -> Check:
         is_writable = os.access(folder, os.W_OK)
     except OSError:
         is_writable = False
+    advice = "make it writable, or set XDG_CACHE_HOME to a folder that is"
     if not is_writable:
-        advice = "make it writable, or set XDG_CACHE_HOME to a folder that is"
         return Check(name="numba cache", state="failed", found=f"{folder} cannot be written", advice=advice)
+    if note := cache_note():
+        return Check(name="numba cache", state="warning", found=note.partition("; make")[0], advice=advice)
     n_files = sum(1 for _ in folder.rglob("*.nbc"))
     advice = "" if n_files else "nothing to do: the first run compiles, which takes about a minute"
     return Check(name="numba cache", state="ok", found=f"{n_files} kernels in {folder}", advice=advice)

@@ -1,6 +1,7 @@
 """The target of a transfer, as an SPK kernel for everybody and as a table for the numerics.
 
-The generated NRHO is kept in a cache folder under a hash of all that it depends on.  Tables are relative to
+The generated NRHO is kept in a cache folder under a hash of all that it depends on, and made anew where its
+content is not what was written.  Tables are relative to
 the Moon, axes J2000, in canonical units and TU past the departure epoch.
 """
 
@@ -8,8 +9,10 @@ import functools
 import math
 from pathlib import Path
 
-from platformdirs import user_cache_path
+from spiceypy.utils.exceptions import SpiceyError
 
+from core.cache import cache_folder as users_folder
+from core.cache import is_sealed, seal
 from core.constants import (
     GM_EARTH,
     GM_JUPITER,
@@ -22,7 +25,7 @@ from core.constants import (
 from core.dynamics import force_model
 from core.ephemeris import EphemerisTable, body_table, one_at_a_time
 from core.ephemeris.daf import SpkError
-from core.ephemeris.kernels import spice_name
+from core.ephemeris.kernels import KernelError, spice_name
 from core.ephemeris.spk import ChebyshevOrbit, check_coverage, orbit_of, read_orbit, write_orbit
 from core.ephemeris.tables import coefficients_through, record_nodes
 from core.orbits.nrho import PatchedOrbit, margin_days, nrho
@@ -91,12 +94,19 @@ def _nrho_kernel(
     stop: float,
     cache_folder: Path | None,
 ) -> tuple[Path, int]:
-    folder = user_cache_path("coastarc") if cache_folder is None else cache_folder
+    folder = users_folder() if cache_folder is None else cache_folder
     path = folder / f"nrho-{_identity(target, departure_et, start, stop)}.bsp"
-    if not path.is_file():
-        folder.mkdir(parents=True, exist_ok=True)
+    if not is_sealed(path):
         orbit = _records(_ballistic(problem, departure_et), departure_et, start, stop)
-        write_orbit(path, NRHO_ID, orbit, _provenance(target))
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            write_orbit(path, NRHO_ID, orbit, _provenance(target))
+            seal(path)
+        except (OSError, SpiceyError) as error:
+            raise KernelError(
+                f"kernel {path}: expected a place to write it, got "
+                f"{getattr(error, 'strerror', None) or getattr(error, 'short', error)}"
+            ) from error
     return path, NRHO_ID
 
 

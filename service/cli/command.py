@@ -11,8 +11,9 @@ from typing import Annotated, Any
 
 import typer
 
+from core.cache import cache_note
 from core.faults import UserError
-from service.cli.faults import complain, fault_line
+from service.cli.faults import complain, fault_line, warn
 from workers.provenance import code_version
 
 #: Commands and groups in the order in which a newcomer needs them: where each is, and what it is for.
@@ -76,6 +77,9 @@ COMMANDS = {
     ),
 }
 
+#: Those that compile kernels or make orbits.
+_COMPUTING = {"run", "serve", "dispatch", "solutions", "analyse", "benchmark", "example", "bench"}
+
 
 def app_of(typed: Container[str] = COMMANDS) -> typer.Typer:
     """Return the command line; a command that was not typed is there for the help alone."""
@@ -130,6 +134,8 @@ def main() -> None:
         # A shell starts background jobs deaf to SIGINT; whoever sends one means it.
         signal.signal(number, _as_interrupt)
     try:
+        if set(sys.argv[1:2]) & _COMPUTING and (note := cache_note()):
+            warn(note)
         # Not by itself: what was typed wrongly is told in one line too.
         sys.exit(app_of(sys.argv[1:2])(prog_name="coastarc", standalone_mode=False) or 0)
     except typer.TyperException as error:

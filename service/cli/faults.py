@@ -33,6 +33,11 @@ def complain(message: str) -> None:
     errors.print(Text.assemble(("error: ", "red"), message), soft_wrap=True)
 
 
+def warn(message: str) -> None:
+    """Print in one line what is not as it should be, and stops nothing."""
+    errors.print(Text.assemble(("warning: ", "yellow"), message), soft_wrap=True)
+
+
 def fault_line(error: TyperException) -> str:
     """Return what is wrong with a command in one line; nothing where the help was the answer."""
     if type(error).__name__ == "NoArgsIsHelpError":

@@ -109,7 +109,21 @@ def test_the_cached_kernel_is_used_again_and_depends_on_the_orbit(kernel):
     stamp = path.stat().st_mtime_ns
     assert target_kernel(PROBLEM.with_outages([(24, 1.0)]), path.parent)[0] == path
     assert path.stat().st_mtime_ns == stamp
-    assert [entry.name for entry in path.parent.iterdir()] == [path.name]
+    assert {entry.name for entry in path.parent.iterdir()} == {path.name, f"{path.name}.blake2b"}
+
+
+@pytest.mark.parametrize("damage", ["cut", "altered", "another", "digest"])
+def test_a_cached_kernel_that_is_not_what_was_written_is_made_anew(damage, kernel, tmp_path):
+    sound = kernel[0].read_bytes()
+    path, seal = tmp_path / kernel[0].name, tmp_path / f"{kernel[0].name}.blake2b"
+    seal.write_bytes(kernel[0].with_name(seal.name).read_bytes())
+    place = len(sound) // 2
+    altered = sound[:place] + bytes([sound[place] ^ 1]) + sound[place + 1 :]
+    path.write_bytes({"cut": sound[:place], "altered": altered, "another": b"no kernel"}.get(damage, sound))
+    if damage == "digest":
+        seal.unlink()
+    assert target_kernel(PROBLEM, tmp_path) == (path, kernel[1])
+    assert path.read_bytes() == sound
 
 
 def _generate(folder):
@@ -120,7 +134,7 @@ def test_processes_that_generate_at_once_leave_one_whole_kernel(tmp_path, kernel
     with multiprocessing.get_context("spawn").Pool(2) as pool:
         contents = pool.map(_generate, [tmp_path, tmp_path])
     assert contents[0] == contents[1] == kernel[0].read_bytes()
-    assert len(list(tmp_path.iterdir())) == 1
+    assert len(list(tmp_path.iterdir())) == 2  # the kernel and its digest
 
 
 def given(path, naif_id, **changes):
