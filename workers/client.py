@@ -197,7 +197,7 @@ class HttpSource:
             if error.status == 401 and self._ask_for_token is not None:
                 self._ask_for_token()
                 raise Unreachable(f"{error}; a new token is asked for") from error
-            if error.code == "stale_attempt":
+            if error.code in ("stale_attempt", "other_claimant"):
                 raise StaleAttempt(str(error)) from error
             if verb.startswith("complete") and error.status in (404, 413, 422):
                 raise

@@ -21,8 +21,10 @@ WALL_MARGIN_S = 60.0
 #: ... and, before the process of a job that cannot even look at a clock is killed, once more time to compile
 #: and to verify [s].
 HANG_MARGIN_S = 300.0
-#: Longest error of an outcome.
-LONGEST_ERROR = 100_000
+#: Longest error of an outcome, and longest details of a certificate as JSON.
+LONGEST_ERROR, LONGEST_DETAILS = 100_000, 100_000
+#: Most solves of an outcome: those of the longest chain.
+MOST_SOLVES = 10_000
 
 
 class Ending(StrEnum):
@@ -50,17 +52,29 @@ class Message(BaseModel):
 
 def _plain(details: dict[str, Any]) -> dict[str, Any]:
     try:
-        json.dumps(details, allow_nan=False)
+        text = json.dumps(details, allow_nan=False)
     except (ValueError, RecursionError) as error:
         raise ValueError(f"expected plain JSON with finite numbers, got {error}") from error
+    if len(text) > LONGEST_DETAILS or "\\u0000" in text:
+        raise ValueError(
+            f"expected at most {LONGEST_DETAILS} characters of JSON without zero bytes, got {len(text)}"
+        )
     return details
 
 
 #: What fits into a column of the database.
 RowId = Annotated[int, Field(ge=1, lt=2**63)]
 Count = Annotated[int, Field(ge=0, lt=2**63)]
+#: What a solve may count, and how long it may have taken [s]: far beyond all that happens, and so small that
+#: sums over an archive stay numbers of the database.
+Effort = Annotated[int, Field(ge=0, le=10**12)]
+Seconds = Annotated[float, Field(ge=0, le=1e9)]
+#: Masses [kg], times [days] and velocities [km/s] likewise.
+Figure = Annotated[float, Field(ge=-1e12, le=1e12)]
 #: A limit also refuses texts that are no Unicode.
-Short = Annotated[str, Field(min_length=1, max_length=200)]
+Short = Annotated[
+    str, Field(pattern=r"^[^\x00-\x1f\x7f]{1,200}$", description="1 to 200 characters, none of control")
+]
 Printed = Annotated[str, Field(pattern=r"^[!-~][ -~]{0,199}$", description="1 to 200 printable characters")]
 
 
@@ -134,9 +148,13 @@ Job = Annotated[HopJob | MapJob, Field(discriminator="kind")]
 
 def wall_limit_s(job: HopJob | MapJob) -> float:
     """Return how long a job may take at most before its process counts as hung [s]."""
-    cap = job.settings.cpu_seconds * (1 + len(job.problem.get("outages", ())))
-    n_solves = job.n_hops if isinstance(job, HopJob) else 1
-    return n_solves * (WALL_FACTOR * cap + WALL_MARGIN_S) + HANG_MARGIN_S
+    k = len(job.problem.get("outages", ()))
+    return wall_limit_of(job.settings, k, job.n_hops if isinstance(job, HopJob) else 1)
+
+
+def wall_limit_of(settings: Settings, k: int, n_solves: int) -> float:
+    """Return the same for so many solves of a P_k [s]."""
+    return n_solves * (WALL_FACTOR * settings.cpu_seconds * (1 + k) + WALL_MARGIN_S) + HANG_MARGIN_S
 
 
 def job_digest(job: HopJob | MapJob) -> str:
@@ -149,25 +167,25 @@ class Provenance(Message):
 
     code_version: Short
     python_version: Short
-    package_versions: dict[Short, Short]
+    package_versions: Annotated[dict[Short, Short], Field(max_length=1000)]
     #: SHA-256 of the SPICE kernels by file name.
-    kernel_hashes: dict[Short, Short]
+    kernel_hashes: Annotated[dict[Short, Short], Field(max_length=1000)]
     host: Short
 
 
 class Trajectory(Message):
     """What a designer asks first about a solution; masses and times are those of the reference."""
 
-    final_mass_kg: float
+    final_mass_kg: Figure
     #: Used in the transfer, that is since the departure state.
-    propellant_kg: float
-    delta_v_km_s: float
+    propellant_kg: Figure
+    delta_v_km_s: Figure
     #: Counted from the wet mass: spiral and transfer.
-    delta_v_total_km_s: float
-    shooting_days: float
-    initial_coast_days: float
-    final_coast_days: float
-    time_of_flight_days: float
+    delta_v_total_km_s: Figure
+    shooting_days: Figure
+    initial_coast_days: Figure
+    final_coast_days: Figure
+    time_of_flight_days: Figure
     insertion_epoch: Short
     arrival_epoch: Short
 
@@ -180,7 +198,7 @@ class Certificate(Message):
     #: One row per trajectory: (x, y, z) [km], (vx, vy, vz) [km/s], m [kg].
     defects: tuple[tuple[float, ...], ...]
     details: Annotated[dict[str, Any], AfterValidator(_plain)] = {}
-    cpu_seconds: float
+    cpu_seconds: Seconds
 
 
 class SolveRecord(Message):
@@ -192,13 +210,13 @@ class SolveRecord(Message):
     #: Name of a `core.nlp.ExitStatus`.
     status: Short
     is_feasible: bool
-    objective_kg: float | None
-    violation: float | None
+    objective_kg: Figure | None
+    violation: Annotated[float, Field(ge=0)] | None
     defects: tuple[tuple[float | None, ...], ...]
-    n_iterations: Count
-    n_evaluations: Count
-    cpu_seconds: Annotated[float, Field(ge=0)]
-    wall_seconds: Annotated[float, Field(ge=0)]
+    n_iterations: Effort
+    n_evaluations: Effort
+    cpu_seconds: Seconds
+    wall_seconds: Seconds
     #: What the chain did with it; None for a map job.
     move: Literal["accepted", "rejected", "restarted"] | None = None
     #: Only when the verifier found it feasible at the paper's tolerance or better.
@@ -211,7 +229,7 @@ class JobOutcome(Message):
     """How an attempt at a job ended, with one record per solve that it finished."""
 
     ending: Ending
-    solves: tuple[SolveRecord, ...] = ()
+    solves: Annotated[tuple[SolveRecord, ...], Field(max_length=MOST_SOLVES)] = ()
     provenance: Provenance | None = None
     #: A traceback for `error`, the last words of the process for `crash`.
     error: Annotated[str, Field(max_length=LONGEST_ERROR)] | None = None

@@ -50,7 +50,7 @@ class Unacceptable(SourceError):
 
 
 class StaleAttempt(SourceError):
-    """A report that came after the job went to another attempt, or was finished; it changes nothing."""
+    """A report on an attempt that no longer holds its job, or that another token claimed; nothing changes."""
 
 
 class JobSource(Protocol):

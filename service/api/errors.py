@@ -20,7 +20,7 @@ from service.db.errors import Unavailable, WriteFault
 from service.portable.errors import PortableConflict, PortableError
 from service.spec import SpecError
 from service.store import StoreError, UnknownRow
-from service.store.errors import Conflict
+from service.store.errors import Conflict, OtherClaimant
 from service.store.identity import RefusedToken
 from workers.dispatcher import StaleAttempt
 
@@ -163,6 +163,10 @@ def _add_store_handlers(app: FastAPI) -> None:
     @app.exception_handler(Conflict)
     def conflict(_: Request, error: Conflict) -> JSONResponse:
         return problem_response(409, str(error), code=error.code)
+
+    @app.exception_handler(OtherClaimant)
+    def claimant(_: Request, error: OtherClaimant) -> JSONResponse:
+        return problem_response(403, str(error), code="other_claimant")
 
     @app.exception_handler(StoreError)
     def store(_: Request, error: StoreError) -> JSONResponse:

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Body
 
-from service.api.context import After, CampaignWanted, Id, Limit, SearchWanted, StoreHere
+from service.api.context import After, CampaignWanted, Id, IdentityHere, Limit, SearchWanted, StoreHere
 from service.api.schemas import Fault, JobPage, JobState, JobView, WorkerPage
 from service.store.dispatch import Report
 from workers.executor import Ticket
@@ -65,12 +65,13 @@ def get_job(job_id: Id, store: StoreHere) -> JobView:
 def claim_jobs(
     request: Annotated[ClaimRequest, Body(openapi_examples={"eight slots": {"value": CLAIM}})],
     store: StoreHere,
+    who: IdentityHere,
 ) -> ClaimAnswer:
     """Hand out up to `n_jobs` jobs, which are the worker's for the time of a lease.
 
     Workers with another code version or Python minor version are refused (409, `worker_refused`).
     """
-    claims = store.claim(request.worker, request.n_jobs, request.campaign_id)
+    claims = store.claim(request.worker, request.n_jobs, request.campaign_id, who.name)
     return ClaimAnswer(
         claims=tuple(claims), lease_s=store.leases.lease_s, heartbeat_s=store.leases.heartbeat_s
     )
@@ -80,27 +81,33 @@ def claim_jobs(
 def keep_jobs(
     request: Annotated[HeartbeatRequest, Body(openapi_examples={"one job": {"value": HEARTBEAT}})],
     store: StoreHere,
+    who: IdentityHere,
 ) -> HeartbeatAnswer:
     """Extend the leases of all jobs that a worker holds; tell which to cancel, and which it has lost.
 
     With `extend` false it only tells, and writes nothing: between two heartbeats a worker so hears at once
-    of what is cancelled.
+    of what is cancelled.  What another token claimed counts as lost.
     """
     held = [Ticket(job.job_id, job.attempt) for job in request.held]
-    return store.heartbeat(request.worker, held) if request.extend else store.look(held)
+    if request.extend:
+        return store.heartbeat(request.worker, held, who.name)
+    return store.look(held, who.name)
 
 
 @router.post("/jobs/complete", responses=CONFLICT)
 def complete_job(
     request: Annotated[CompleteRequest, Body(openapi_examples={"a crash": {"value": COMPLETE}})],
     store: StoreHere,
+    who: IdentityHere,
 ) -> CompleteAnswer:
     """Take back an outcome; the same report again gets the same answer.
 
-    An attempt that no longer holds the job changes nothing (409, `stale_attempt`).  One whose lease ran out
-    is taken all the same if it brings a result and nobody has claimed the job since.
+    An attempt that no longer holds the job changes nothing (409, `stale_attempt`), nor does a report with
+    another token than the one that claimed (403, `other_claimant`), nor an outcome that no run of the job
+    can have had (422, which names the field).  One whose lease ran out is taken all the same if it brings a
+    result and nobody has claimed the job since.
     """
-    return store.complete_many([_report(request)])[0]
+    return store.complete_many([_report(request)], who.name)[0]
 
 
 @router.post("/jobs/complete-many", responses=CONFLICT)
@@ -109,12 +116,13 @@ def complete_jobs(
         CompleteManyRequest, Body(openapi_examples={"a crash": {"value": {"reports": [COMPLETE]}}})
     ],
     store: StoreHere,
+    who: IdentityHere,
 ) -> CompleteManyAnswer:
     """Take back several outcomes at once, which costs less than one by one.
 
     If one of them is refused, none is stored; sent one by one, the others are taken.
     """
-    answers = store.complete_many([_report(one) for one in request.reports])
+    answers = store.complete_many([_report(one) for one in request.reports], who.name)
     return CompleteManyAnswer(answers=tuple(answers))
 
 

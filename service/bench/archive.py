@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from sqlalchemy import func, insert, select
 from sqlalchemy.orm import Session
 
-from core.transcription import layout_of
+from core.constants import SECONDS_PER_DAY
+from core.problem import calendar_epoch, content_hash
 from service.bench.load import PROVENANCE
 from service.db.dialect import insert_new, plain
 from service.db.engine import Database
@@ -26,28 +27,25 @@ from service.db.tables import (
     SolutionRow,
     SolveRow,
 )
+from service.solutions.checks import facts_of, figures
 from service.solutions.solution_hash import solution_hash
 from service.spec import Spec
 from service.spec.search_spec import SearchSpec
 from service.store import Store
 from service.store.events import noted
+from workers.job import KIND_NUMBERS
 
 #: Far beyond the chains that are planned when the campaign is submitted.
 FIRST_CHAIN = 10**12
 #: Rows that are inserted at once.
 BATCH = 2000
-#: Mass at departure [kg].
-START_MASS_KG = 13_276.04
 #: Share of solves that are feasible, and of distinct ones among the solutions.
 FEASIBLE, DISTINCT = 0.3, 0.5
-PROVENANCE_HASH = "0" * 32
+PROVENANCE_HASH = content_hash(PROVENANCE)
 #: Numbers that every solve has alike.
 SOLVE = {
     "attempt": 1,
-    "hop": 0,
-    "rng_key": "made/up",
     "violation": 0.1,
-    "defects": np.zeros(7),
     "n_iterations": 100,
     "n_evaluations": 200,
     "created_at": 0.0,
@@ -58,14 +56,12 @@ JOB = {
     "priority": 0,
     "attempt": 1,
     "n_failures": 0,
-    "ending": "feasible",
 }
 ATTEMPT = {
     "attempt": 1,
     "worker": "nobody",
     "started_at": 0.0,
     "ended_at": 0.0,
-    "ending": "feasible",
     "next_state": "done",
     "error": None,
     "provenance_hash": PROVENANCE_HASH,
@@ -111,9 +107,8 @@ class _Maker:
     ) -> None:
         self.search, self.position, self.rng = search, position, rng
         self.campaign_id = campaign_id
-        self.problems = spec.problems_of(search)
-        self.hashes = [problem.hash for problem in self.problems]
-        self.boxes = [layout_of(problem).bounds(problem, START_MASS_KG) for problem in self.problems]
+        self.rng_seed = spec.campaign.rng_seed
+        self.facts = [facts_of(problem) for problem in spec.problems_of(search)]
 
     def store(self, database: Database, n_solves: int, seeds: list[str] | None, is_done: bool) -> list[str]:
         """Insert so many solves and return the ids of their solutions."""
@@ -128,8 +123,7 @@ class _Maker:
         own = (SearchRow.campaign_id == self.campaign_id) & (SearchRow.position == self.position)
         row = session.scalars(select(SearchRow).where(own)).one()
         row.state = "done" if is_done else row.state
-        content = {name: PROVENANCE[name] for name in sorted(PROVENANCE)}
-        insert_new(session, ProvenanceRow, {"hash": PROVENANCE_HASH, "content": content})
+        insert_new(session, ProvenanceRow, {"hash": PROVENANCE_HASH, "content": PROVENANCE})
         return row.id, 1 + (session.scalar(select(func.max(JobRow.id))) or 0)
 
     def _insert(self, session: Session, search_id: int, batch: list[Any]) -> list[str]:
@@ -140,7 +134,7 @@ class _Maker:
         events += [("solution", {"id": one["id"], **about}) for one in new]
         tables: list[tuple[type[Base], list[dict[str, Any]]]] = [
             (JobRow, list(jobs)),
-            (AttemptRow, [ATTEMPT | {"job_id": job["id"]} for job in jobs]),
+            (AttemptRow, [ATTEMPT | {"job_id": job["id"], "ending": job["ending"]} for job in jobs]),
             (SolutionRow, new),
             (SolveRow, list(solves)),
             (EventRow, [noted(self.campaign_id, kind, 0.0, **data) for kind, data in events]),
@@ -153,9 +147,9 @@ class _Maker:
     def _rows(
         self, search_id: int, first_job: int, n: int, seeds: list[str] | None
     ) -> Iterator[tuple[dict[str, Any], dict[str, Any] | None, dict[str, Any]]]:
-        centres = [self.rng.random(len(lower)) for lower, _ in self.boxes]
+        centres = [self.rng.random(about.layout.n_variables) for about in self.facts]
         for number in range(n):
-            case = number % len(self.problems)
+            case = number % len(self.facts)
             mapping = self.search.mapping[0] if seeds else None
             seed_id = seeds[number % len(seeds)] if seeds else None
             # The chain of a mapped seed is its hash; so often as it is mapped again, its hop differs.
@@ -170,8 +164,16 @@ class _Maker:
             seed = {"seed_id": seed_id, "mapping": mapping}
             kind = {"kind": "map" if seeds else "hop"}
             solution = self._solution(case, centres[case]) if self.rng.random() < FEASIBLE else None
-            solve = {"job_id": place["id"]} | self._solve(search_id, solution)
-            yield place | seed | kind | JOB | WHEN, solution, solve
+            address = (KIND_NUMBERS[kind["kind"]], self.position, case, int(chain or "0", 16), hop)
+            own = {
+                "job_id": place["id"],
+                "hop": hop,
+                "rng_key": "/".join(map(str, (self.rng_seed, *address))),
+                "move": None if seeds else "accepted",
+                "defects": np.zeros(self.facts[case].n_defects),
+            }
+            solve = own | self._solve(search_id, solution)
+            yield place | seed | kind | JOB | WHEN | {"ending": solve["ending"]}, solution, solve
 
     def _solve(self, search_id: int, solution: dict[str, Any] | None) -> dict[str, Any]:
         is_found = solution is not None
@@ -192,25 +194,19 @@ class _Maker:
     def _solution(self, case: int, centre: NDArray[np.float64]) -> dict[str, Any]:
         is_new = self.rng.random() < DISTINCT
         place = self.rng.random(len(centre)) if is_new else centre + 1e-3 * self.rng.random(len(centre))
-        lower, upper = self.boxes[case]
+        about = self.facts[case]
+        (lower, upper), own = about.bounds, about.layout.reference
         x = lower + (upper - lower) * place
-        mass = float(self.rng.uniform(12_500, 13_100))
-        shooting, first, last = self.rng.uniform((40.0, 0.0, 1.0), (90.0, 9.0, 9.0)).tolist()
-        return {
-            "id": solution_hash(self.hashes[case], x),
-            "problem_hash": self.hashes[case],
+        x[own.final_mass] = self.rng.uniform(0.94, 0.987) * about.start_mass_kg
+        said = figures(about, x)
+        arrival = about.start_et + said["time_of_flight_days"] * SECONDS_PER_DAY
+        return said | {
+            "id": solution_hash(about.hash, x),
+            "problem_hash": about.hash,
             "x": x,
-            "objective_kg": mass,
-            "propellant_kg": START_MASS_KG - mass,
-            "delta_v_km_s": float(26.55465 * np.log(START_MASS_KG / mass)),
-            "delta_v_total_km_s": float(26.55465 * np.log(15_000 / mass)),
-            "shooting_days": shooting,
-            "initial_coast_days": first,
-            "final_coast_days": last,
-            "time_of_flight_days": first + shooting + last,
-            "insertion_epoch": "2026-06-06T00:00:00.000",
-            "arrival_epoch": "2026-06-08T00:00:00.000",
-            "defects": np.zeros(7),
+            "insertion_epoch": calendar_epoch(arrival - said["final_coast_days"] * SECONDS_PER_DAY),
+            "arrival_epoch": calendar_epoch(arrival),
+            "defects": np.zeros(about.n_defects),
             "paper": True,
             "strict": True,
             "verification": {},

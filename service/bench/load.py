@@ -17,7 +17,10 @@ from urllib.parse import urlsplit
 
 import numpy as np
 
-from workers.job import WorkerInfo
+from core.constants import SECONDS_PER_DAY
+from core.problem import Problem, calendar_epoch, problem_from
+from service.solutions.checks import facts_of, figures
+from workers.job import KIND_NUMBERS, WorkerInfo
 
 #: How long an idle dispatcher waits before it asks again [s].
 IDLE_S = 0.1
@@ -129,7 +132,7 @@ class SimulatedDispatcher:
 
     def _post(self, verb: str, body: dict[str, Any], times: list[float]) -> dict[str, Any]:
         begin = time.perf_counter()
-        self._connection.request("POST", f"/api/v1/jobs/{verb}", _as_json(body), self._headers)
+        self._connection.request("POST", f"/api/v1/jobs/{verb}", as_json(body), self._headers)
         response = self._connection.getresponse()
         content = response.read()
         times.append(time.perf_counter() - begin)
@@ -144,82 +147,85 @@ def _ticket(claim: dict[str, Any]) -> dict[str, Any]:
 
 
 def outcome(job: dict[str, Any], rng: np.random.Generator, feasible_share: float) -> dict[str, Any]:
-    """Return an outcome as large as a real one: one solve, feasible or not."""
-    outages = job["problem"]["outages"]
-    k, n_segments = len(outages), job["problem"]["n_segments"]
-    is_feasible = bool(rng.random() < feasible_share)
-    mass = float(rng.uniform(12_000, 13_000))
-    solve = _solve(job, k, is_feasible, mass)
-    if is_feasible:
-        # A realization has the segments after its outage.
-        n_free = sum(n_segments - outage["segment"] for outage in outages)
-        solve["x"] = [float(rng.random()), *_rest(4 + 3 * n_segments + 3 * n_free + 4 * k)]
-        solve["trajectory"] = _trajectory(mass)
-        solve["certificate"] = {
-            "paper": True,
-            "strict": True,
-            "defects": solve["defects"],
-            "cpu_seconds": 0.1,
-        }
-    ending = "feasible" if is_feasible else "infeasible"
-    return {"ending": ending, "solves": [solve], "provenance": PROVENANCE}
+    """Return an outcome as large as a real one; vectors are JSON already, see `as_json`."""
+    made = _made_for(json.dumps(job["problem"]))
+    solves = []
+    for number in range(job.get("n_hops", 1)):
+        is_feasible = bool(rng.random() < feasible_share)
+        solve = _solve(job, job["address"]["hop"] + number, made.problem.k, is_feasible)
+        solves.append(solve | made.found(rng, solve["defects"]) if is_feasible else solve)
+    ending = "feasible" if any("x" in solve for solve in solves) else "infeasible"
+    return {"ending": ending, "solves": solves, "provenance": PROVENANCE}
+
+
+class _MadeUp:
+    """Solutions of one problem, each with another shooting time and final mass; nobody has flown them."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem, self.facts = problem, facts_of(problem)
+        lower, upper = self.facts.bounds
+        self.x = lower + 0.5 * (upper - lower)
+        own = self.facts.layout.reference
+        self.ranges = [(lower[i], upper[i]) for i in (own.shooting_time, own.final_mass)]
+        #: What stands in every vector between and behind these two, as JSON.
+        between, behind = self.x[1 : own.final_mass], self.x[own.stop :]
+        self.texts = [", ".join(map(repr, part.tolist())) for part in (between, behind)]
+
+    def found(self, rng: np.random.Generator, defects: list[list[float]]) -> dict[str, Any]:
+        own, x = self.facts.layout.reference, self.x.copy()
+        (shortest, longest), (_, most) = self.ranges
+        x[own.shooting_time] = rng.uniform(shortest, longest)
+        x[own.final_mass] = mass = float(rng.uniform(0.9 * most, most))
+        said = figures(self.facts, x)
+        arrival = self.facts.start_et + said["time_of_flight_days"] * SECONDS_PER_DAY
+        epochs = (arrival - said["final_coast_days"] * SECONDS_PER_DAY, arrival)
+        said["final_mass_kg"] = said.pop("objective_kg")
+        named = zip(("insertion_epoch", "arrival_epoch"), map(calendar_epoch, epochs), strict=True)
+        verdict = {"paper": True, "strict": True, "defects": defects, "cpu_seconds": 0.1}
+        found = {"objective_kg": mass, "trajectory": said | dict(named), "certificate": verdict}
+        between, behind = self.texts
+        # Writing each number of each vector would take most of the generator's time.
+        text = f"[{float(x[0])!r}, {between}, {mass!r}{', ' * bool(behind)}{behind}]"
+        return found | {"x": text}
 
 
 @cache
-def _rest(n: int) -> list[float]:
-    """Return all numbers of a vector but the first, which alone makes it another one."""
-    numbers: list[float] = np.random.default_rng(n).random(n - 1).tolist()
-    return numbers
+def _made_for(definition: str) -> _MadeUp:
+    return _MadeUp(problem_from(json.loads(definition)))
 
 
-@cache
-def _rest_as_json(n: int) -> str:
-    return json.dumps(_rest(n))[1:]
-
-
-def _as_json(body: dict[str, Any]) -> str:
-    """Return a body as text; writing each number of each vector would take most of the generator's time."""
-    solves = [one["outcome"]["solves"][0] for one in body.get("reports", [body]) if "outcome" in one]
-    vectors = {f"@{n}@": solve.pop("x") for n, solve in enumerate(solves) if "x" in solve}
-    for mark, solve in zip(vectors, [s for s in solves if "certificate" in s], strict=True):
-        solve["x"] = mark
+def as_json(body: dict[str, Any]) -> str:
+    """Return a body as JSON, into which vectors go as the text that they are already."""
+    reports = [one for one in body.get("reports", [body]) if "outcome" in one]
+    solves = [solve for one in reports for solve in one["outcome"]["solves"]]
+    vectors = []
+    for solve in solves:
+        if "x" in solve:
+            vectors.append(solve["x"])
+            solve["x"] = f"@{len(vectors)}@"
     text = json.dumps(body)
-    for mark, x in vectors.items():
-        text = text.replace(f'"{mark}"', f"[{x[0]!r}, {_rest_as_json(len(x))}", 1)
+    for number, vector in enumerate(vectors, 1):
+        text = text.replace(f'"@{number}@"', vector, 1)
     return text
 
 
-def _solve(job: dict[str, Any], k: int, is_feasible: bool, mass: float) -> dict[str, Any]:
+def _solve(job: dict[str, Any], hop: int, k: int, is_feasible: bool) -> dict[str, Any]:
     place = job["address"]
+    address = (KIND_NUMBERS[job["kind"]], *(place[name] for name in ("search", "case", "chain")), hop)
     return {
-        "hop": place["hop"],
-        "rng_key": f"{job['rng_seed']}/{place['search']}/{place['case']}/{place['chain']}/{place['hop']}",
+        "hop": hop,
+        "rng_key": "/".join(map(str, (job["rng_seed"], *address))),
         "ending": "feasible" if is_feasible else "infeasible",
-        "status": "CONVERGED" if is_feasible else "LOCALLY_INFEASIBLE",
+        "status": "OPTIMAL" if is_feasible else "LOCALLY_INFEASIBLE",
         "is_feasible": is_feasible,
-        "objective_kg": mass if is_feasible else None,
+        "objective_kg": None,
         "violation": 0.1 if is_feasible else 1e5,
-        "defects": [[1e-3] * 7] * (1 + k),
+        "defects": [[1e-6] * 7] * (1 + k),
         "n_iterations": 100,
         "n_evaluations": 150,
         "cpu_seconds": 1.0,
         "wall_seconds": 1.0,
         "move": "accepted" if job["kind"] == "hop" else None,
-    }
-
-
-def _trajectory(mass: float) -> dict[str, Any]:
-    return {
-        "final_mass_kg": mass,
-        "propellant_kg": 13_276.0 - mass,
-        "delta_v_km_s": 26.5 * float(np.log(13_276.0 / mass)),
-        "delta_v_total_km_s": 26.5 * float(np.log(15_000.0 / mass)),
-        "shooting_days": 40.0,
-        "initial_coast_days": 1.0,
-        "final_coast_days": 2.0,
-        "time_of_flight_days": 43.0,
-        "insertion_epoch": "2026-06-06T00:00:00.000",
-        "arrival_epoch": "2026-06-08T00:00:00.000",
     }
 
 

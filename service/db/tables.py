@@ -17,7 +17,7 @@ from service.scheduler.states import TRANSITIONS
 from workers.job import Ending
 
 #: Grows with every change of the tables; kept in SQLite's user_version.
-SCHEMA_VERSION = 5
+SCHEMA_VERSION = 6
 
 CAMPAIGN_STATES, SEARCH_STATES, JOB_STATES = (tuple(TRANSITIONS[n]) for n in ("campaign", "search", "job"))
 ENDINGS = tuple(ending.value for ending in Ending)
@@ -205,6 +205,8 @@ class AttemptRow(Base):
     job_id: Mapped[int] = mapped_column(ForeignKey("job.id"), primary_key=True)
     attempt: Mapped[int] = mapped_column(primary_key=True)
     worker: Mapped[str]
+    #: Name of the token that claimed it: nobody else extends or ends it; NULL if nobody asked for one.
+    claimed_by: Mapped[str | None]
     started_at: Mapped[float]
     ended_at: Mapped[float | None]
     ending: Mapped[str | None]

@@ -1,28 +1,21 @@
 """Whether what a portable file says of a campaign can be so.
 
 Digests show damage; here what somebody may have written on purpose is held against what follows from it:
-hashes from contents, the figures of a solution from its vector, its levels from its defects.  Only the
-defects themselves are believed, and what else certificates say of flights; `coastarc solutions verify` flies
-them again.
+hashes from contents, and solves and solutions by the rules of `service.solutions.checks`.
 """
 
-import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from core.analysis.metrics import total_delta_v_km_s, transfer_delta_v_km_s
 from core.analysis.verify import holds
-from core.constants import SECONDS_PER_DAY
 from core.faults import fault_lines
-from core.orbits import departure_state
-from core.problem import Problem, content_hash, seconds_past_j2000
+from core.problem import Problem, content_hash
+from core.search import HopAddress
 from core.tolerances import PAPER, STRICT
-from core.transcription import checked_vector, layout_of
 from service.portable.errors import PortableError
 from service.portable.lines import (
     CampaignLine,
@@ -32,12 +25,18 @@ from service.portable.lines import (
     SolutionLine,
     SolveLine,
 )
-from service.solutions.solution_hash import solution_hash
+from service.solutions.checks import (
+    JobFacts,
+    ProblemFacts,
+    UnsoundError,
+    facts_of,
+    require_hash,
+    require_solution,
+    require_solve,
+)
 from service.spec import Spec
 from workers.certificate import CertificateContent
-
-#: Figures are worked out again; other machines round otherwise, and epochs are kept to a millisecond.
-RELATIVE, EPOCH_S = 1e-9, 2e-3
+from workers.job import KIND_NUMBERS, Settings
 
 
 def require_campaign(line: CampaignLine, spec: Spec, known: Mapping[str, Spec]) -> None:
@@ -65,6 +64,14 @@ def require_campaign(line: CampaignLine, spec: Spec, known: Mapping[str, Spec]) 
             )
 
 
+class ReadJob(NamedTuple):
+    """A job that has been read."""
+
+    facts: JobFacts
+    #: Its attempts with results.
+    attempts: tuple[int, ...]
+
+
 @dataclass(slots=True)
 class Contents:
     """What has been read of a file, for what follows to refer to."""
@@ -76,8 +83,16 @@ class Contents:
     solutions: dict[str, tuple[str, float, bool, bool]] = field(default_factory=dict)
     #: When a solve found them first.
     found_at: dict[str, float] = field(default_factory=dict)
-    #: Search, case and attempts with results of the jobs of one campaign.
-    jobs: list[tuple[int, int, tuple[int, ...]]] = field(default_factory=list)
+    #: Those of one campaign.
+    jobs: list[ReadJob] = field(default_factory=list)
+    #: Of the problems, as far as they have been asked for.
+    facts: dict[str, ProblemFacts] = field(default_factory=dict)
+
+    def facts_of(self, problem_hash: str) -> ProblemFacts:
+        """Return what the figures of solutions of a problem follow from."""
+        if problem_hash not in self.facts:
+            self.facts[problem_hash] = facts_of(self.problems[problem_hash], problem_hash)
+        return self.facts[problem_hash]
 
 
 def require_provenance(line: ProvenanceLine, contents: Contents) -> None:
@@ -87,72 +102,18 @@ def require_provenance(line: ProvenanceLine, contents: Contents) -> None:
     contents.provenances.add(line.hash)
 
 
-def require_solution(line: SolutionLine, contents: Contents) -> None:
+def require_solution_line(line: SolutionLine, contents: Contents) -> None:
     """Refuse a solution of another hash, of an unknown problem, or with figures that are not its own."""
     thing = f"solution {line.id}"
-    problem = contents.problems.get(line.problem)
-    if problem is None:
+    if line.problem not in contents.problems:
         raise PortableError(f"{thing}: expected a problem of the campaign, got {line.problem}")
+    about, defects = contents.facts_of(line.problem), np.array(line.defects, dtype=np.float64)
     try:
-        x = checked_vector(layout_of(problem), np.array(line.x))
-    except ValueError as error:
-        raise PortableError(f"{thing}: {error}") from error
-    if solution_hash(line.problem, x) != line.id:
-        raise PortableError(f"{thing}: expected the hash of its problem and its vector, got another")
-    for name, expected in figures(problem, x).items():
-        got = getattr(line, name)
-        if not math.isclose(expected, got, rel_tol=RELATIVE, abs_tol=RELATIVE):
-            raise PortableError(f"{thing}: expected {name} {expected} from its vector, got {got}")
-    _require_epochs(line, problem)
-    _require_levels(line, 1 + problem.k)
+        x = require_solution(thing, about, np.array(line.x), vars(line), defects, (line.paper, line.strict))
+        require_hash(thing, about, x, line.id)
+    except UnsoundError as error:
+        raise PortableError(str(error)) from error
     contents.solutions[line.id] = (line.problem, line.objective_kg, line.paper, line.strict)
-
-
-def figures(problem: Problem, x: NDArray[np.float64]) -> dict[str, float]:
-    """Return what the archive keeps of a vector's reference, masses [kg], times [days], delta-v [km/s]."""
-    own = layout_of(problem).reference
-    start_kg = _departure(problem)[1]
-    final_kg = float(x[own.final_mass])
-    times = [float(x[place]) for place in (own.shooting_time, own.initial_coast, own.final_coast)]
-    return {
-        "objective_kg": final_kg,
-        "propellant_kg": start_kg - final_kg,
-        "delta_v_km_s": transfer_delta_v_km_s(problem, start_kg, final_kg),
-        "delta_v_total_km_s": total_delta_v_km_s(problem, final_kg),
-        "shooting_days": times[0],
-        "initial_coast_days": times[1],
-        "final_coast_days": times[2],
-        "time_of_flight_days": sum(times),
-    }
-
-
-@lru_cache(maxsize=64)
-def _departure(problem: Problem) -> tuple[float, float]:
-    """Return epoch [TDB s past J2000] and mass [kg]."""
-    start = departure_state(problem.departure, problem.spacecraft)
-    return float(start.et), float(start.mass_kg)
-
-
-def _require_epochs(line: SolutionLine, problem: Problem) -> None:
-    arrival = _departure(problem)[0] + line.time_of_flight_days * SECONDS_PER_DAY
-    insertion = arrival - line.final_coast_days * SECONDS_PER_DAY
-    for name, expected in (("arrival_epoch", arrival), ("insertion_epoch", insertion)):
-        text = getattr(line, name)
-        try:
-            is_so = abs(seconds_past_j2000(text) - expected) < EPOCH_S
-        except ValueError:
-            is_so = False
-        if not is_so:
-            raise PortableError(f"solution {line.id}: expected {name} from its vector, got {text[:40]!r}")
-
-
-def _require_levels(line: SolutionLine, n_trajectories: int) -> None:
-    defects = np.array(line.defects, dtype=np.float64)
-    if defects.size != 7 * n_trajectories:
-        raise PortableError(f"solution {line.id}: expected {7 * n_trajectories} defects, got {defects.size}")
-    rows = defects.reshape(-1, 7)
-    if (line.strict and not holds(rows, STRICT)) or (line.paper and not holds(rows, PAPER)):
-        raise PortableError(f"solution {line.id}: expected defects within its level, got larger ones")
 
 
 def require_certificate(line: CertificateLine, contents: Contents) -> None:
@@ -186,7 +147,14 @@ def _is_own_verdict(content: CertificateContent) -> bool:
     return holds_level[content.level] and content.is_sound == is_sound
 
 
-def require_job(line: JobLine, number: int, spec: Spec, contents: Contents) -> None:
+def require_job(
+    line: JobLine,
+    number: int,
+    spec: Spec,
+    settings: Sequence[Settings],
+    hashes: list[list[str]],
+    contents: Contents,
+) -> None:
     """Refuse a job outside of its search, or with a seed that is not there."""
     if line.search >= len(spec.search):
         raise PortableError(f"job {number}: expected a search of the campaign, got number {line.search}")
@@ -204,21 +172,28 @@ def require_job(line: JobLine, number: int, spec: Spec, contents: Contents) -> N
         if attempt.provenance is not None and attempt.provenance not in contents.provenances:
             raise PortableError(f"job {number}: expected a provenance in the same file, got another")
     made = tuple(attempt.attempt for attempt in line.attempts if attempt.provenance is not None)
-    contents.jobs.append((line.search, line.case, made))
+    address = HopAddress(KIND_NUMBERS[line.kind], line.search, line.case, int(line.chain, 16), line.hop)
+    about = contents.facts_of(hashes[line.search][line.case])
+    facts = JobFacts(about, spec.campaign.rng_seed, address, line.n_hops, settings[line.search])
+    contents.jobs.append(ReadJob(facts, made))
 
 
-def require_solve(line: SolveLine, number: int, hashes: list[list[str]], contents: Contents) -> None:
+def require_solve_line(line: SolveLine, number: int, contents: Contents) -> None:
     """Refuse a solve of no job or attempt, or with a solution that is not one of its problem."""
     thing = f"solve {number}"
     if line.job >= len(contents.jobs):
         raise PortableError(f"{thing}: expected a job of the campaign, got line {line.job}")
-    search, case, attempts = contents.jobs[line.job]
-    if line.attempt not in attempts:
+    job = contents.jobs[line.job]
+    if line.attempt not in job.attempts:
         raise PortableError(f"{thing}: expected an attempt of its job, got {line.attempt}")
+    try:
+        require_solve(thing, job.facts, line, len(line.defects), line.solution is not None)
+    except UnsoundError as error:
+        raise PortableError(str(error)) from error
     if line.solution is None:
         return
     found = contents.solutions.get(line.solution)
-    if found is None or found[0] != hashes[search][case]:
+    if found is None or found[0] != job.facts.about.hash:
         raise PortableError(f"{thing}: expected a solution of its problem, got {line.solution}")
     if found[2:] != (line.paper, line.strict):
         raise PortableError(f"{thing}: expected the levels of its solution, got others")

@@ -11,8 +11,8 @@ from service.portable.checks import (
     require_certificate,
     require_job,
     require_provenance,
-    require_solution,
-    require_solve,
+    require_solution_line,
+    require_solve_line,
 )
 from service.portable.container import CERTIFICATES, Unpacked
 from service.portable.errors import PortableError
@@ -91,7 +91,7 @@ def read_all(unpacked: Unpacked, data: Path) -> ReadFile:
     for provenance in read.provenances():
         require_provenance(provenance, read.contents)
     for solution in read.solutions():
-        require_solution(solution, read.contents)
+        require_solution_line(solution, read.contents)
     for certificate in read.certificates():
         require_certificate(certificate, read.contents)
     for campaign in campaigns:
@@ -120,14 +120,15 @@ def _campaigns(unpacked: Unpacked, data: Path) -> list[ReadCampaign]:
 def _require_work(read: ReadFile, campaign: ReadCampaign) -> None:
     read.contents.jobs.clear()
     addresses: set[tuple[int, str, int, str, int]] = set()
+    hashes, settings = campaign.hashes, [search.settings for search in campaign.spec.search]
     for number, job in enumerate(read.jobs(campaign)):
-        require_job(job, number, campaign.spec, read.contents)
+        require_job(job, number, campaign.spec, settings, hashes, read.contents)
         if job.address in addresses:
             raise PortableError(f"job {number}: expected each address once, got {job.address} twice")
         addresses.add(job.address)
-    hashes, hops = campaign.hashes, set()
+    hops = set()
     for number, solve in enumerate(read.solves(campaign)):
-        require_solve(solve, number, hashes, read.contents)
+        require_solve_line(solve, number, read.contents)
         if (solve.job, solve.hop) in hops:
             raise PortableError(f"solve {number}: expected each hop of a job once, got {solve.hop} twice")
         hops.add((solve.job, solve.hop))

@@ -7,7 +7,6 @@ import numpy as np
 from sqlalchemy import bindparam, select
 from sqlalchemy.orm import Session
 
-from core.transcription import checked_vector
 from service.db.dialect import insert_new
 from service.db.tables import (
     CampaignRow,
@@ -22,7 +21,7 @@ from service.scheduler.states import ENDED
 from service.solutions.solution_hash import solution_hash
 from service.store.events import noted
 from service.store.held import Held, Worked
-from service.store.specs import layout_of_problem, search_spec, spec_of
+from service.store.specs import search_spec, spec_of
 from service.store.submission import add_jobs, is_used_up
 from service.store.tallies import Counts, scope_of
 from workers.job import SolveRecord
@@ -105,7 +104,7 @@ def _add_solution(
     if record.x is None or record.trajectory is None or record.certificate is None:
         return None, None
     problem_hash = held.problem_hash
-    x = checked_vector(layout_of_problem(session, problem_hash), record.x)
+    x = np.array(record.x)
     key = solution_hash(problem_hash, x)
     facts = record.trajectory.model_dump(exclude={"final_mass_kg"})
     is_new = insert_new(

@@ -49,9 +49,18 @@ class Turn(NamedTuple):
 
 
 def claim(
-    session: Session, worker: str, n_jobs: int, campaign: int | None, now: float, lease_s: float
+    session: Session,
+    worker: str,
+    n_jobs: int,
+    campaign: int | None,
+    now: float,
+    lease_s: float,
+    by: str | None = None,
 ) -> list[Claim]:
-    """Return the next jobs of active campaigns, or of one of them, which are then the worker's."""
+    """Return the next jobs of active campaigns, or of one of them, which are then the worker's.
+
+    `by` names the token that asks: it alone extends and ends what it has claimed.
+    """
     if not n_jobs:
         return []
     statement, wanted = (_SHARES, {}) if campaign is None else (_SHARES_OF_ONE, {"campaign": campaign})
@@ -71,7 +80,8 @@ def claim(
     claims = [_claimed(session, turn, seeds, worker, now, lease_s) for turn in turns]
     if claims:
         attempts = [(claim.job_id, claim.attempt) for claim in claims]
-        rows = [{"job_id": i, "attempt": n, "worker": worker, "started_at": now} for i, n in attempts]
+        common = {"worker": worker, "claimed_by": by, "started_at": now}
+        rows = [{"job_id": i, "attempt": n} | common for i, n in attempts]
         session.connection().execute(_ATTEMPT, rows)
     return claims
 

@@ -4,26 +4,29 @@ import logging
 from collections.abc import Sequence
 from typing import Any, NamedTuple, cast
 
-from sqlalchemy import bindparam, update
+from sqlalchemy import bindparam, select, update
 from sqlalchemy.orm import Session
 from sqlalchemy.orm.attributes import set_committed_value
 
 from core.problem import content_hash
+from core.search import HopAddress
 from service.db.dialect import insert_new, plain
-from service.db.tables import AttemptRow, JobRow, ProvenanceRow, SearchRow
+from service.db.tables import AttemptRow, JobRow, ProvenanceRow, SearchRow, SolveRow
 from service.logs import say
 from service.scheduler import plan
 from service.scheduler.leases import backoff_s
+from service.solutions.checks import JobFacts, UnsoundError, require_outcome
 from service.store.archive import add_solve
 from service.store.claims import Turn, message_of, seeds_of
 from service.store.errors import StoreError, UnknownRow
 from service.store.events import noted_job, store
-from service.store.held import Held, Worked, find_held
+from service.store.held import Held, Worked, find_held, require_claimant
+from service.store.specs import facts_of_problem, search_spec
 from service.store.submission import go_on_after
 from service.store.tallies import Counts
 from workers.dispatcher import StaleAttempt
 from workers.executor import Ticket
-from workers.job import RESULTS, CompleteAnswer, Ending, JobOutcome, job_digest
+from workers.job import KIND_NUMBERS, RESULTS, CompleteAnswer, Ending, JobOutcome, job_digest
 
 
 class Report(NamedTuple):
@@ -56,24 +59,28 @@ _CHARGE = (
 
 
 def complete(
-    session: Session, reports: Sequence[Report | tuple[Ticket, JobOutcome]], now: float
+    session: Session,
+    reports: Sequence[Report | tuple[Ticket, JobOutcome]],
+    now: float,
+    by: str | None = None,
 ) -> list[CompleteAnswer]:
     """Store outcomes, their solutions, their links and what follows from them, or refuse all with a late one.
 
-    A report that was accepted before gets the stored answer, and changes nothing.
+    A report that was accepted before gets the stored answer, and changes nothing.  `by` names the token
+    that reports, which has to be the one that claimed.
     """
     all_reports = [Report(*report) for report in reports]
-    held = find_held(session, [report.ticket for report in all_reports])
+    held = find_held(session, [report.ticket for report in all_reports], by)
     worked: dict[int, Worked] = {}
     counts = Counts()
     answers: list[CompleteAnswer] = []
     for ticket, outcome, digest in all_reports:
         # The same report twice finds nothing the second time.
-        mine = held.pop(ticket, None) or _taken_up(session, ticket, outcome, counts, now)
+        mine = held.pop(ticket, None) or _taken_up(session, ticket, outcome, counts, now, by)
         if mine is not None and digest is not None:
             _require_same_job(session, mine, digest)
         if mine is None:
-            answers.append(_stored_answer(session, ticket))
+            answers.append(_stored_answer(session, ticket, by))
             continue
         work = worked.setdefault(mine.search.id, Worked(mine.search, mine.campaign))
         _take_back(session, mine, work, outcome, counts, now)
@@ -91,11 +98,9 @@ def _take_back(
     session: Session, held: Held, work: Worked, outcome: JobOutcome, counts: Counts, now: float
 ) -> None:
     job = held.job
-    try:
-        for record in outcome.solves:
-            add_solve(session, held, work, record, counts, now)
-    except ValueError as error:
-        raise StoreError(f"job {job.id}: {error}") from error
+    require_sound(session, held, outcome)
+    for record in outcome.solves:
+        add_solve(session, held, work, record, counts, now)
     end_attempt(job, outcome.ending, now)
     _close_attempt(session, held.attempt, work, outcome, job.state, now)
     counts.add(job.search_id, "attempt", outcome.ending.value)
@@ -106,7 +111,7 @@ def _take_back(
 
 
 def _taken_up(
-    session: Session, ticket: Ticket, outcome: JobOutcome, counts: Counts, now: float
+    session: Session, ticket: Ticket, outcome: JobOutcome, counts: Counts, now: float, by: str | None
 ) -> Held | None:
     """Give an attempt its job back that went to the queue, if it brings a result and nobody has begun since.
 
@@ -114,7 +119,7 @@ def _taken_up(
     """
     if outcome.ending not in RESULTS:
         return None
-    mine = find_held(session, [ticket], "queued").get(ticket)
+    mine = find_held(session, [ticket], by, "queued").get(ticket)
     if mine is None or mine.attempt.ending not in UNHEARD:
         return None
     counts.add(mine.job.search_id, "attempt", mine.attempt.ending, number=-1)
@@ -133,6 +138,27 @@ def _require_same_job(session: Session, held: Held, digest: str) -> None:
         )
 
 
+def require_sound(session: Session, held: Held, outcome: JobOutcome) -> None:
+    """Refuse an outcome that no run of its job can have had."""
+    known = select(SolveRow.hop, SolveRow.ending).where(SolveRow.job_id == held.job.id)
+    with session.no_autoflush:
+        # Only what ran before can have left some.
+        done = {hop: ending for hop, ending in session.execute(known)} if held.job.attempt > 1 else {}
+    try:
+        require_outcome(job_facts(session, held), outcome, done)
+    except UnsoundError as error:
+        raise StoreError(f"job {held.job.id}: {error}") from error
+
+
+def job_facts(session: Session, held: Held) -> JobFacts:
+    """Return what the solves of a job have to agree with."""
+    job, spec = held.job, search_spec(held.campaign, held.search)
+    chain = int(job.chain, 16)
+    address = HopAddress(KIND_NUMBERS[job.kind], held.search.position, job.case_index, chain, job.hop)
+    about = facts_of_problem(session, held.problem_hash)
+    return JobFacts(about, held.campaign.rng_seed, address, job.n_hops, spec.settings)
+
+
 def _log(session: Session, held: Held, ending: Ending) -> None:
     job = held.job
     level = logging.DEBUG if ending in RESULTS else logging.WARNING
@@ -141,7 +167,7 @@ def _log(session: Session, held: Held, ending: Ending) -> None:
     say(session, log, level, message, **ids)
 
 
-def _stored_answer(session: Session, ticket: Ticket) -> CompleteAnswer:
+def _stored_answer(session: Session, ticket: Ticket, by: str | None) -> CompleteAnswer:
     if session.get(JobRow, ticket.job_id) is None:
         raise UnknownRow("job", ticket.job_id)
     attempt = session.get(AttemptRow, tuple(ticket))
@@ -149,6 +175,7 @@ def _stored_answer(session: Session, ticket: Ticket) -> CompleteAnswer:
         raise StaleAttempt(
             f"job {ticket.job_id}: expected attempt {ticket.attempt} to hold it, got a stale report"
         )
+    require_claimant(attempt, by)
     return _answer(ticket, attempt.next_state)
 
 

@@ -6,6 +6,7 @@ Conflict        what is stored already stands against it
     WrongState      a campaign, search or job from whose state this cannot be done
     KeyReused       an idempotency key that came with another specification before
     WorkerRefused   a worker that would not compute what the others do
+OtherClaimant   a report on an attempt that another token claimed
 """
 
 from core.faults import UserError
@@ -45,3 +46,7 @@ class WorkerRefused(Conflict):
     """A worker that would not compute what the others do."""
 
     code = "worker_refused"
+
+
+class OtherClaimant(StoreError):
+    """A report on an attempt that another token claimed."""

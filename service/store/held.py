@@ -8,6 +8,7 @@ from sqlalchemy import bindparam, select, tuple_
 from sqlalchemy.orm import Session
 
 from service.db.tables import AttemptRow, CampaignRow, CaseRow, JobRow, SearchRow
+from service.store.errors import OtherClaimant
 from workers.executor import Ticket
 
 
@@ -55,15 +56,29 @@ _HELD = (
 )
 
 
-def find_held(session: Session, tickets: Sequence[Ticket], state: str = "running") -> dict[Ticket, Held]:
+def find_held(
+    session: Session, tickets: Sequence[Ticket], by: str | None = None, state: str = "running"
+) -> dict[Ticket, Held]:
     """Return what attempts hold; those that no longer hold their jobs are not among them.
 
-    With the state `queued`, those whose jobs went back to the queue and have been handed to nobody since.
+    One that another token claimed than the one named, if any is, is refused.  With the state `queued`, those
+    whose jobs went back to the queue and have been handed to nobody since.
     """
     wanted = {
         "state": state,
         "job_ids": [ticket.job_id for ticket in tickets],
         "tickets": [tuple(ticket) for ticket in tickets],
     }
-    found = (Held(*row) for row in session.execute(_HELD, wanted))
+    found = [Held(*row) for row in session.execute(_HELD, wanted)]
+    for held in found:
+        require_claimant(held.attempt, by)
     return {Ticket(held.job.id, held.job.attempt): held for held in found}
+
+
+def require_claimant(attempt: AttemptRow, by: str | None) -> None:
+    """Refuse a token that did not claim an attempt."""
+    if by is not None and attempt.claimed_by not in (None, by):
+        raise OtherClaimant(
+            f"job {attempt.job_id}: expected the token that claimed attempt {attempt.attempt}, got {by}; "
+            f"report with the token that claimed, or with one of the same name"
+        )

@@ -18,16 +18,19 @@ REAP_AT_ONCE = 500
 
 
 def heartbeat(
-    session: Session, worker: str, held: Iterable[Ticket], now: float, lease_s: float
+    session: Session, worker: str, held: Iterable[Ticket], now: float, lease_s: float, by: str | None = None
 ) -> HeartbeatAnswer:
-    """Extend the leases that are still held; tell which jobs to cancel, and which are no longer held."""
+    """Extend the leases that are still held; tell which jobs to cancel, and which are no longer held.
+
+    What another token claimed than the one named, if any is, is not held.
+    """
     tickets = sorted(set(held))
     row = session.get(WorkerRow, worker)
     if row is not None:
         row.seen_at = now
     statement = (
         update(JobRow)
-        .where(_is_held(tickets))
+        .where(_is_held(tickets, by))
         .values(lease_until=now + lease_s)
         .returning(JobRow.id, JobRow.attempt, JobRow.is_cancelling)
     )
@@ -39,10 +42,10 @@ def heartbeat(
     )
 
 
-def look(session: Session, held: Iterable[Ticket]) -> HeartbeatAnswer:
+def look(session: Session, held: Iterable[Ticket], by: str | None = None) -> HeartbeatAnswer:
     """Tell which jobs to cancel, and which are no longer held; nothing is extended."""
     tickets = sorted(set(held))
-    statement = select(JobRow.id, JobRow.attempt, JobRow.is_cancelling).where(_is_held(tickets))
+    statement = select(JobRow.id, JobRow.attempt, JobRow.is_cancelling).where(_is_held(tickets, by))
     kept = {Ticket(job, attempt): flag for job, attempt, flag in session.execute(statement)}
     return HeartbeatAnswer(
         to_cancel=_messages(ticket for ticket in tickets if kept.get(ticket)),
@@ -50,12 +53,17 @@ def look(session: Session, held: Iterable[Ticket]) -> HeartbeatAnswer:
     )
 
 
-def _is_held(tickets: Sequence[Ticket]) -> ColumnElement[bool]:
-    return (
+def _is_held(tickets: Sequence[Ticket], by: str | None) -> ColumnElement[bool]:
+    is_held = (
         JobRow.id.in_([ticket.job_id for ticket in tickets])
         & tuple_(JobRow.id, JobRow.attempt).in_(tickets)
         & (JobRow.state == "running")
     )
+    if by is None:
+        return is_held
+    own = (AttemptRow.job_id == JobRow.id) & (AttemptRow.attempt == JobRow.attempt)
+    is_mine = AttemptRow.claimed_by.is_(None) | (AttemptRow.claimed_by == by)
+    return is_held & select(AttemptRow.job_id).where(own, is_mine).exists()
 
 
 def _messages(tickets: Iterable[Ticket]) -> tuple[HeldJob, ...]:

@@ -5,8 +5,9 @@ from typing import Any
 from sqlalchemy.orm import Session
 
 from core.problem import problem_from
-from core.transcription import Layout, layout_of
+from core.transcription import Layout
 from service.db.tables import CampaignRow, ProblemRow, SearchRow
+from service.solutions.checks import ProblemFacts, facts_of
 from service.spec import Spec, spec_from
 from service.spec.search_spec import SearchSpec
 from service.store.errors import UnknownRow
@@ -14,7 +15,7 @@ from service.store.kept import Kept
 
 _specs: Kept[Spec] = Kept(64)
 _definitions: Kept[dict[str, Any]] = Kept(512)
-_layouts: Kept[Layout] = Kept(512)
+_facts: Kept[ProblemFacts] = Kept(512)
 
 
 def spec_of(campaign: CampaignRow) -> Spec:
@@ -41,6 +42,13 @@ def definition_of(session: Session, problem_hash: str) -> dict[str, Any]:
     return _definitions.get(problem_hash, lambda: session.get_one(ProblemRow, problem_hash).definition)
 
 
+def facts_of_problem(session: Session, problem_hash: str) -> ProblemFacts:
+    """Return what the figures of a problem's solutions follow from."""
+    return _facts.get(
+        problem_hash, lambda: facts_of(problem_from(definition_of(session, problem_hash)), problem_hash)
+    )
+
+
 def layout_of_problem(session: Session, problem_hash: str) -> Layout:
     """Return where everything is in the decision vector of a problem."""
-    return _layouts.get(problem_hash, lambda: layout_of(problem_from(definition_of(session, problem_hash))))
+    return facts_of_problem(session, problem_hash).layout

@@ -120,40 +120,47 @@ class Store:
         """Store what a worker says about itself; one that would compute something else is refused."""
         self._database.write(lambda session: workers.register(session, worker, self._clock()))
 
-    def claim(self, worker: WorkerInfo | str, n_jobs: int, campaign: int | None = None) -> list[Claim]:
-        """Hand out jobs of one campaign, or of all, for the time of a lease; a worker registers with it."""
+    def claim(
+        self, worker: WorkerInfo | str, n_jobs: int, campaign: int | None = None, by: str | None = None
+    ) -> list[Claim]:
+        """Hand out jobs of one campaign, or of all, for the time of a lease; a worker registers with it.
+
+        `by` names the token that asks; then that token alone extends and ends them.
+        """
         lease_s = self.leases.lease_s
 
         def work(session: Session) -> list[Claim]:
             name = _registered(session, worker, self._clock())
-            return claims.claim(session, name, n_jobs, campaign, self._clock(), lease_s)
+            return claims.claim(session, name, n_jobs, campaign, self._clock(), lease_s, by)
 
         return self._database.write(work)
 
-    def heartbeat(self, worker: WorkerInfo | str, held: Iterable[Ticket]) -> HeartbeatAnswer:
+    def heartbeat(
+        self, worker: WorkerInfo | str, held: Iterable[Ticket], by: str | None = None
+    ) -> HeartbeatAnswer:
         """Extend the leases that a worker still holds; tell what to cancel, and what it has lost."""
         lease_s = self.leases.lease_s
 
         def work(session: Session) -> HeartbeatAnswer:
             name = _registered(session, worker, self._clock())
-            return leases.heartbeat(session, name, held, self._clock(), lease_s)
+            return leases.heartbeat(session, name, held, self._clock(), lease_s, by)
 
         return self._database.write(work)
 
-    def look(self, held: Iterable[Ticket]) -> HeartbeatAnswer:
+    def look(self, held: Iterable[Ticket], by: str | None = None) -> HeartbeatAnswer:
         """Tell what to cancel and what is lost, and extend nothing."""
         with self._database.read() as session:
-            return leases.look(session, held)
+            return leases.look(session, held, by)
 
-    def complete(self, ticket: Ticket, outcome: JobOutcome) -> CompleteAnswer:
+    def complete(self, ticket: Ticket, outcome: JobOutcome, by: str | None = None) -> CompleteAnswer:
         """Take back an outcome; a stale one raises and changes nothing, a repeated one gets its answer."""
-        return self.complete_many([(ticket, outcome)])[0]
+        return self.complete_many([(ticket, outcome)], by)[0]
 
     def complete_many(
-        self, reports: Sequence[dispatch.Report | tuple[Ticket, JobOutcome]]
+        self, reports: Sequence[dispatch.Report | tuple[Ticket, JobOutcome]], by: str | None = None
     ) -> list[CompleteAnswer]:
         """Take back outcomes in one transaction; a stale one among them raises, and none is stored."""
-        return self._database.write(lambda session: dispatch.complete(session, reports, self._clock()))
+        return self._database.write(lambda session: dispatch.complete(session, reports, self._clock(), by))
 
     def reap(self) -> int:
         """Take back the jobs whose leases ran out; return how many."""

@@ -1,14 +1,15 @@
 """Specifications and campaigns to test with; their solves are those of `tests.workers.fake`."""
 
 from service.spec import spec_from
-from service.store import Store
+from service.store import Store, StoreError
 from service.store.records import Filter
 from tests.workers.fake import run_fake
 from tests.workers.jobs import worker_info
 from workers.dispatcher import Dispatcher
 from workers.executor import Ticket
 from workers.inline import Inline
-from workers.job import ClaimAnswer, CompleteManyAnswer
+from workers.job import ClaimAnswer, CompleteManyAnswer, CompleteManyRequest
+from workers.source import Unacceptable
 
 OUTAGE = {"segment": 24, "duration_days": 1.0}
 #: Nine days of spiral, for which there may be propellant.
@@ -57,11 +58,14 @@ class StoreSource:
         return self._store.heartbeat(request.worker.name, held)
 
     def complete(self, request):
-        return self._store.complete(Ticket(request.job_id, request.attempt), request.outcome)
+        return self.complete_many(CompleteManyRequest(reports=(request,))).answers[0]
 
     def complete_many(self, request):
         reports = [(Ticket(one.job_id, one.attempt), one.outcome) for one in request.reports]
-        return CompleteManyAnswer(answers=tuple(self._store.complete_many(reports)))
+        try:
+            return CompleteManyAnswer(answers=tuple(self._store.complete_many(reports)))
+        except StoreError as error:
+            raise Unacceptable(str(error)) from error
 
 
 def dispatcher_on(store: Store, executor) -> Dispatcher:

@@ -1,16 +1,22 @@
 """Runners that stand for the solver: quick, deterministic, and badly behaved where a test wants it."""
 
 import fcntl
+import json
 import os
 import signal
 import stat
 import time
+from functools import lru_cache
+from types import SimpleNamespace
 
 import numpy as np
 from threadpoolctl import threadpool_info
 
+from core.constants import SECONDS_PER_DAY
+from core.orbits import departure_state
 from core.problem import problem_from
 from core.transcription import layout_of
+from workers.certify import trajectory
 from workers.job import (
     KIND_NUMBERS,
     Certificate,
@@ -20,7 +26,6 @@ from workers.job import (
     MapJob,
     Provenance,
     SolveRecord,
-    Trajectory,
 )
 
 PROVENANCE = Provenance(
@@ -40,13 +45,12 @@ def address_key(job, hop):
 def record(job, hop, feasible_share=0.5):
     """Return a solve whose numbers come from its address alone, as in a real run."""
     rng = np.random.default_rng(np.random.SeedSequence(job.rng_seed, spawn_key=address_key(job, hop)))
-    problem = problem_from(job.problem)
-    defects = tuple(tuple(row) for row in (1e-3 * rng.standard_normal((1 + problem.k, 7))).tolist())
+    problem, start, box = settled(json.dumps(job.problem))
+    defects = tuple(tuple(row) for row in (1e-7 * rng.standard_normal((1 + problem.k, 7))).tolist())
     common = {
         "hop": hop,
         "rng_key": "/".join(map(str, (job.rng_seed, *address_key(job, hop)))),
         "defects": defects,
-        "violation": 0.1,
         "n_iterations": 7,
         "n_evaluations": 9,
         "cpu_seconds": 1.5,
@@ -55,16 +59,24 @@ def record(job, hop, feasible_share=0.5):
     }
     if rng.random() > feasible_share:
         return SolveRecord(
-            ending=Ending.INFEASIBLE, status="STALLED", is_feasible=False, objective_kg=None, **common
+            ending=Ending.INFEASIBLE,
+            status="STALLED",
+            is_feasible=False,
+            violation=10.0,
+            objective_kg=None,
+            **common,
         )
     final_mass = float(rng.uniform(12_000, 13_000))
+    x = box[0] + (box[1] - box[0]) * rng.random(len(box[0]))
+    x[layout_of(problem).reference.final_mass] = final_mass
     return SolveRecord(
         ending=Ending.FEASIBLE,
         status="OPTIMAL",
         is_feasible=True,
+        violation=0.1,
         objective_kg=final_mass,
-        x=tuple(rng.random(layout_of(problem).n_variables).tolist()),
-        trajectory=trajectory(final_mass),
+        x=tuple(x.tolist()),
+        trajectory=flown(problem, start, x),
         certificate=Certificate(
             paper=True, strict=bool(rng.random() < 0.8), defects=defects, cpu_seconds=0.1
         ),
@@ -72,19 +84,30 @@ def record(job, hop, feasible_share=0.5):
     )
 
 
-def trajectory(final_mass):
-    return Trajectory(
-        final_mass_kg=final_mass,
-        propellant_kg=13_276.04 - final_mass,
-        delta_v_km_s=26.55465 * np.log(13_276.04 / final_mass),
-        delta_v_total_km_s=26.55465 * np.log(15_000 / final_mass),
-        shooting_days=40.0,
-        initial_coast_days=1.0,
-        final_coast_days=2.0,
-        time_of_flight_days=43.0,
-        insertion_epoch="2026-06-06T00:00:00.000",
-        arrival_epoch="2026-06-08T00:00:00.000",
-    )
+@lru_cache(maxsize=64)
+def settled(text):
+    """Return a problem, its departure and the box of its decision vector."""
+    problem = problem_from(json.loads(text))
+    start = departure_state(problem.departure, problem.spacecraft)
+    return problem, start, layout_of(problem).bounds(problem, start.mass_kg)
+
+
+def flown(problem, start, x):
+    """Return what a verifier would say of a vector's reference."""
+    own = layout_of(problem).reference
+    days = x[own.shooting_time] + x[own.initial_coast] + x[own.final_coast]
+    found = SimpleNamespace(final_mass_kg=[x[own.final_mass]], arrival_et=[start.et + days * SECONDS_PER_DAY])
+    return trajectory(problem, x, found)
+
+
+def reflown(job, solve, **changes):
+    """Return a solve with other numbers in its vector, and with what follows from them."""
+    problem, start, _ = settled(json.dumps(job.problem))
+    x, own = np.array(solve.x), layout_of(problem).reference
+    for name, value in changes.items():
+        x[getattr(own, name)] = value
+    more = {"x": tuple(x.tolist()), "trajectory": flown(problem, start, x)}
+    return solve.model_copy(update=more | {"objective_kg": float(x[own.final_mass])})
 
 
 def run_fake(job, stop=lambda: False):

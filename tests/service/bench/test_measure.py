@@ -5,7 +5,7 @@ import pytest
 from click.testing import CliRunner
 from typer.main import get_command
 
-from service.bench.load import outcome
+from service.bench.load import as_json, outcome
 from service.bench.probe import percentile_ms
 from service.cli.bench import bench
 from tests.service.campaigns import submitted
@@ -19,11 +19,12 @@ def test_simulated_outcomes_are_taken_for_real_ones_of_both_kinds(store):
     while claims := store.claim("simulated", 3):
         for claim in claims:
             job = json.loads(claim.job.model_dump_json())
-            answer = JobOutcome.model_validate(outcome(job, np.random.default_rng(claim.job_id), 1.0))
-            store.complete(Ticket(claim.job_id, claim.attempt), answer)
+            answer = as_json({"outcome": outcome(job, np.random.default_rng(claim.job_id), 1.0)})
+            report = JobOutcome.model_validate(json.loads(answer)["outcome"])
+            store.complete(Ticket(claim.job_id, claim.attempt), report)
             kinds.add(claim.job.kind)
     s0, s1 = store.campaign(1).searches
-    assert kinds == {"hop", "map"} and s0.n_strict == 4 and s1.n_strict == 4
+    assert kinds == {"hop", "map"} and s0.n_strict == 8 and s1.n_strict == 8
 
 
 @pytest.mark.parametrize(
