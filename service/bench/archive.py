@@ -16,7 +16,7 @@ from service.bench.load import PROVENANCE
 from service.db.dialect import insert_new, plain
 from service.db.engine import Database
 from service.db.place import place_of
-from service.db.recount import FILL_TALLIES
+from service.db.recount import FILL_TALLIES, TOTALS
 from service.db.tables import (
     AttemptRow,
     Base,
@@ -66,11 +66,6 @@ ATTEMPT = {
     "error": None,
     "provenance_hash": PROVENANCE_HASH,
 }
-TOTALS = (
-    "UPDATE search SET n_planned = (SELECT count(*) FROM job WHERE search_id = search.id), "
-    "(n_solves, cpu_seconds) = "
-    "(SELECT count(*), coalesce(sum(cpu_seconds), 0.0) FROM solve WHERE search_id = search.id)"
-)
 WHEN = {"created_at": 0.0, "updated_at": 0.0}
 
 

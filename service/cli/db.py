@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from service.check import Check
 from service.cli import terminal
 from service.cli.options import DATA, Data, Json
 from service.coordinator.lock import FolderLock
@@ -15,10 +16,14 @@ from service.db.backup import backup, restore
 from service.db.check import check
 from service.db.errors import DatabaseError, no_archive
 from service.db.place import make_folder, place_of, shown
+from service.db.repair import repair
 from service.db.tables import SCHEMA_VERSION
 from service.db.upgrade import upgrade, version_of
 
-db = typer.Typer(help="Upgrade, check, back up and restore an archive.", no_args_is_help=True)
+db = typer.Typer(help="Upgrade, check, repair, back up and restore an archive.", no_args_is_help=True)
+
+#: Rows of each table that are shown, at most.
+MOST_SHOWN = 20
 
 
 @db.command("upgrade")
@@ -65,6 +70,42 @@ def check_archive(data: Data = DATA, as_json: Json = False) -> None:
         Console().print(rows)
     if any(entry.state == "failed" for entry in checks):
         raise typer.Exit(1)
+
+
+@db.command("repair")
+def repair_archive(
+    data: Data = DATA,
+    apply: Annotated[
+        bool, typer.Option("--apply", metavar="", help="Do it; without, only say what would be done.")
+    ] = False,
+) -> None:
+    """Set rows aside into a file that cannot be so, and count totals anew; nothing is lost.
+
+    What cannot stay without them goes with them: solves and certificates of a solution, the jobs that map
+    it.  Campaigns must not run meanwhile.
+    """
+    place = place_of(data)
+    with FolderLock(data):
+        _require_repairable(check(place))
+        file = data / f"coastarc-set-aside-{time.strftime('%Y%m%d-%H%M%S')}.ndjson"
+        aside = repair(place, file if apply else None)
+    for table, keys in aside.reasons.items():
+        for key, why in list(keys.items())[:MOST_SHOWN]:
+            _say(f"{table} {', '.join(map(str, key))}: {why}")
+    counts = ", ".join(f"{number} {table}" for table, number in aside.counts().items()) or "no rows"
+    if apply:
+        place_of_rows = f", into {file}" if file.exists() else ""
+        _say(f"Set aside: {counts}{place_of_rows}. Totals and tallies are counted anew.")
+    else:
+        _say(f"To be set aside: {counts}. Nothing has changed; repeat with --apply to do it.")
+
+
+def _require_repairable(checks: list[Check]) -> None:
+    bad = [one for one in checks if one.state == "failed" and one.name not in ("totals", "content")]
+    if bad:
+        raise DatabaseError(
+            f"archive: expected a whole one, got {bad[0].name}: {bad[0].found}; {bad[0].advice}"
+        )
 
 
 @db.command("backup")

@@ -1,12 +1,15 @@
-"""Whether an archive is whole: its file, what refers to what, its tables, and its totals."""
+"""Whether an archive is whole: its file, what refers to what, its tables, its totals, and its rows."""
 
 from collections.abc import Callable
+from math import isclose
 from pathlib import Path
+from typing import Any
 
 from sqlalchemy import Connection, func, select
 
 from service.check import Check
 from service.db import postgres, sqlite_file
+from service.db.content import unsound_rows
 from service.db.dialect import read_version
 from service.db.errors import no_archive
 from service.db.place import Place, shown
@@ -14,6 +17,7 @@ from service.db.recount import TALLIES
 from service.db.tables import SCHEMA_VERSION, Base, JobRow, SearchRow, SolveRow
 from service.db.upgrade import differences
 
+REPAIR = "see what `coastarc db repair` would set aside and count anew"
 RESTORE = "restore a backup with `coastarc db restore`"
 UPGRADE = "bring it to this version with `coastarc db upgrade`"
 
@@ -41,6 +45,9 @@ def _of_connection(place: Place) -> list[Check]:
                 found.append(look(connection))
                 if found[0].state == "failed":
                     break
+            # Of rows that refer to nothing, or stand in other tables, nothing more can be said.
+            if all(one.state == "ok" or one.name == "totals" for one in found):
+                found.insert(-1, _content(connection))
     finally:
         engine.dispose()
     return found
@@ -81,8 +88,21 @@ def _totals(connection: Connection) -> Check:
     )
     ids = {key[0] for key in counted.keys() | kept.keys() if counted.get(key, 0) != kept.get(key, 0)}
     names += connection.scalars(select(SearchRow.name).where(SearchRow.id.in_(ids)).order_by(SearchRow.id))
+    names += [name for name, total, sum_ in _costs(connection) if not isclose(total, sum_, rel_tol=1e-6)]
     faults = [f"those of search {name} are not those of its rows" for name in dict.fromkeys(names)]
-    return _judged("totals", "every search's are those of its rows", faults, RESTORE)
+    return _judged("totals", "every search's are those of its rows", faults, REPAIR)
+
+
+def _costs(connection: Connection) -> list[Any]:
+    """Return the processor time of searches, as it is kept and as it is summed up."""
+    own = select(func.coalesce(func.sum(SolveRow.cpu_seconds), 0.0)).where(SolveRow.search_id == SearchRow.id)
+    query = select(SearchRow.name, SearchRow.cpu_seconds, own.scalar_subquery()).order_by(SearchRow.id)
+    return list(connection.execute(query).all())
+
+
+def _content(connection: Connection) -> Check:
+    faults = [f"{table} {', '.join(map(str, key))}: {why}" for table, key, why in unsound_rows(connection)]
+    return _judged("content", "every row's can be so", faults, REPAIR)
 
 
 def _rows(connection: Connection) -> Check:

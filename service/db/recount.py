@@ -25,6 +25,12 @@ _COUNTS = (
 )
 #: (search_id, noun, name, number, cpu_seconds), each solution counted where a solve found it first.
 TALLIES = " UNION ALL ".join(_COUNTS)
+#: The totals of searches.
+TOTALS = (
+    "UPDATE search SET n_planned = (SELECT count(*) FROM job WHERE search_id = search.id), "
+    "n_solves = (SELECT count(*) FROM solve WHERE search_id = search.id), "
+    "cpu_seconds = (SELECT coalesce(sum(cpu_seconds), 0.0) FROM solve WHERE search_id = search.id)"
+)
 FILL_TALLIES = f"INSERT INTO tally (search_id, noun, name, number, cpu_seconds) {TALLIES}"
 
 

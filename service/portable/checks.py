@@ -133,11 +133,12 @@ def require_certificate(line: CertificateLine, contents: Contents) -> None:
     problem = contents.problems[contents.solutions[line.solution][0]]
     if (content.problem_hash, content.k) != (problem.hash, problem.k):
         raise PortableError(f"{thing}: expected the problem of its solution, got {content.problem_hash}")
-    if not _is_own_verdict(content):
+    if not is_own_verdict(content):
         raise PortableError(f"{thing}: expected a verdict from its defects and marks, got {content.level}")
 
 
-def _is_own_verdict(content: CertificateContent) -> bool:
+def is_own_verdict(content: CertificateContent) -> bool:
+    """Return whether the verdict of a certificate follows from its defects and its marks."""
     rows = [trajectory.defect for trajectory in content.trajectories]
     if [len(row) for row in rows] != [7] * (1 + content.k):
         return False

@@ -69,7 +69,7 @@ def test_a_backup_made_while_others_write_is_one_state_and_holds_nobody_up(store
             before = n_written
             backup(tmp_path / "coastarc.db", tmp_path / f"{number}.db")
             assert states(check(tmp_path / f"{number}.db")) == dict.fromkeys(
-                ("file", "version", "tables", "references", "totals", "rows"), "ok"
+                ("file", "version", "tables", "references", "totals", "content", "rows"), "ok"
             )
             jobs = [row for row in table_contents(tmp_path / f"{number}.db")["event"] if row["data"] == "{}"]
             assert len(jobs) % 2 == 0 and len(jobs) >= 2 * before
@@ -155,7 +155,8 @@ def test_an_older_archive_is_upgraded_after_a_backup_of_it(run, tmp_path):
     assert code == 0 and f"has schema version {SCHEMA_VERSION} now; it had 1." in said
     (saved,) = tmp_path.glob("coastarc-version-1-*.db")
     assert table_contents(saved) == before and version_of(saved) == 1
-    assert run("db", "check", "--data", tmp_path)[0] == 0
+    # The figures of that archive were made up.
+    assert {one.name for one in check(path) if one.state == "failed"} == {"content"}
     assert run("db", "upgrade", "--data", tmp_path)[1].endswith(f"schema version {SCHEMA_VERSION} already.\n")
 
 

@@ -150,7 +150,7 @@ OTHERWISE = {
     "search": {"id", "campaign_id", "position", "strategy", "source_id", "served_s"}
     | {"n_planned", "n_solves", "cpu_seconds"},
     "job": {"id", "search_id", "case_index", "seed_id", "not_before", "lease_until", "is_cancelling"},
-    "attempt": {"job_id", "provenance_hash"},
+    "attempt": {"job_id", "provenance_hash", "claimed_by"},
     "solve": {"id", "job_id", "search_id", "defects", "solution_id", "final_mass_kg"},
     "solution": {"problem_hash", "x", "defects", "created_at"},
     "provenance": set(),
