@@ -83,6 +83,7 @@ def create_app(
     app.state.access = access
     #: Why a coordinator's own dispatcher does not run, in words for everybody; set by the coordinator.
     app.state.trouble = lambda: None
+    app.state.tables = metrics.Tables()
     add_error_handlers(app)
     app.router.routes.extend(_routes())
     finish_document(app)

@@ -42,6 +42,10 @@ class Cost(NamedTuple):
         """Return the share of each of n solutions, not a number without any; eq. (M1)."""
         return Cost(*(hours / n if n else nan for hours in self))
 
+    def rate(self, n: int | None) -> float:
+        """Return how many of n things one spent core-hour gives, not a number where either is not known."""
+        return nan if n is None or not self.core_hours else n / self.core_hours
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Findings:
@@ -78,8 +82,9 @@ class Summary:
     cost: Cost
     cost_per_paper: Cost
     cost_per_strict: Cost
-    #: Clusters of references, counted within each case, and how many of them one spent core-hour gives.
-    n_distinct: int
+    #: Clusters of references, counted within each case, and how many of them one spent core-hour gives; None
+    #: and no number where the facts are without vectors.
+    n_distinct: int | None
     distinct_per_core_hour: float
     #: Of the transfer, then with the spiral.
     delta_v_km_s: Spread
@@ -110,7 +115,7 @@ def findings_of(facts: CampaignFacts) -> Findings:
     Parameters
     ----------
     facts : CampaignFacts
-        Solves in order of address; `vectors` holds every solution whose distinctness is to be told.
+        Solves in order of address; `vectors` holds every solution whose distinctness is to be told, or none.
     """
     found_by: dict[str, SolveFacts] = {}
     for solve in facts.solves:
@@ -175,7 +180,8 @@ def summarized(findings: Findings, solves: Sequence[SolveFacts], level: Level = 
     """
     n_paper, n_strict = len(solutions(solves, "paper")), len(solutions(solves, "strict"))
     cost, found = cost_of(solves), solutions(solves, level)
-    n_distinct = count_distinct(findings, found)
+    is_told = bool(findings.row_of) or not findings.found_by
+    n_distinct = count_distinct(findings, found) if is_told else None
     return Summary(
         search=shared(solve.search for solve in solves),
         strategy=shared(solve.strategy for solve in solves),
@@ -193,7 +199,7 @@ def summarized(findings: Findings, solves: Sequence[SolveFacts], level: Level = 
         cost_per_paper=cost.per(n_paper),
         cost_per_strict=cost.per(n_strict),
         n_distinct=n_distinct,
-        distinct_per_core_hour=n_distinct / cost.core_hours if cost.core_hours else nan,
+        distinct_per_core_hour=cost.rate(n_distinct),
         delta_v_km_s=spread([v for one in found if (v := one.delta_v_km_s) is not None]),
         delta_v_total_km_s=spread([v for one in found if (v := one.delta_v_total_km_s) is not None]),
         propellant_kg=spread([v for one in found if (v := one.propellant_kg) is not None]),

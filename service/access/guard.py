@@ -15,9 +15,20 @@ from starlette.requests import cookie_parser
 from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.access.limits import Buckets, Streams
+from service.access.limits import Buckets, Streams, Turns
 from service.access.request_body import BodyFault, read_body, replayed
-from service.access.rights import ANYONE, RIGHTS, STREAMS, UNLOGGED, UPLOADS, Role, least
+from service.access.rights import (
+    ANYONE,
+    HEAVY,
+    PROMPT,
+    RIGHTS,
+    STREAMS,
+    UNLOGGED,
+    UPLOADS,
+    WORKERS,
+    Role,
+    least,
+)
 from service.access.route_index import RouteIndex
 from service.access.security import (
     ANSWER_HEADERS,
@@ -46,6 +57,9 @@ log = logging.getLogger(__name__)
 
 #: Requests of nobody that are written down: enough to see an attack, too few to fill a disk.
 NOBODYS_AUDIT_PER_S, NOBODYS_AUDIT_BURST = 0.1, 100
+#: Requests of people that run at once, so that most of the threads, of which there are forty, and of the
+#: processor stay for workers.
+READS, HEAVY_READS, CHANGES = 3, 1, 16
 
 
 class Visit:
@@ -108,6 +122,8 @@ class Guard:
         self._nobody = Buckets(NOBODYS_AUDIT_PER_S, NOBODYS_AUDIT_BURST)
         self._streams = streams
         self._uploads = Streams(1)
+        self._reads, self._heavy = Turns(READS), Turns(HEAVY_READS)
+        self._changes = Turns(CHANGES)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Check, then pass on."""
@@ -187,6 +203,29 @@ class Guard:
                 await problem_response(fault.status, str(fault))(visit.scope, receive, send)
                 return
             receive = replayed(body, receive)
+        turns = self._turns_of(visit)
+        if turns is None:
+            await self._answer(visit, receive, send)
+            return
+        if not await turns.enter():
+            busy = too_many("requests: expected a turn in time, got too many before this one", 10)
+            await busy(visit.scope, receive, send)
+            return
+        send.turns = turns
+        try:
+            await self._answer(visit, receive, send)
+        finally:
+            send.end_turn()
+
+    def _turns_of(self, visit: Visit) -> Turns | None:
+        """Return whose turn a request waits for; workers and probes wait for nobody's."""
+        if visit.line in STREAMS | UPLOADS | PROMPT or RIGHTS.get(visit.line) == WORKERS:
+            return None
+        if visit.is_unsafe:
+            return self._changes
+        return self._heavy if visit.line in HEAVY else self._reads
+
+    async def _answer(self, visit: Visit, receive: Receive, send: "_Outward") -> None:
         try:
             await self._app(visit.scope, receive, send)
         except Exception:
@@ -216,6 +255,8 @@ class _Outward:
 
     def __init__(self, guard: Guard, visit: Visit, send: Send) -> None:
         self.has_begun = False
+        #: In which the request has a turn.
+        self.turns: Turns | None = None
         self._guard = guard
         self._visit = visit
         self._send = send
@@ -229,7 +270,15 @@ class _Outward:
                 headers.setdefault(name, value)
             if self._visit.is_unsafe:
                 await run_in_threadpool(self._guard.audit, self._visit, message["status"])
+            # All is known now: who reads the answer slowly keeps nobody waiting.
+            self.end_turn()
         await self._send(message)
+
+    def end_turn(self) -> None:
+        """End the turn of the request, if it has one."""
+        if self.turns is not None:
+            self.turns.leave()
+            self.turns = None
 
 
 def _by_role(visit: Visit, roles: frozenset[Role], reason: str) -> Response | None:

@@ -1,8 +1,10 @@
 """How much one client may ask for: a bucket of requests each, and a number of open streams.
 
-Both live in the memory of the web server and are used from its event loop alone.
+And how many requests of people run at once, so that workers find a thread and a processor.  All of it lives
+in the memory of the web server and is used from its event loop alone.
 """
 
+import asyncio
 import math
 import time
 from collections import Counter, OrderedDict
@@ -10,6 +12,8 @@ from collections.abc import Callable
 
 #: Clients that are remembered; the one seen longest ago is forgotten first.
 MAX_CLIENTS = 10_000
+#: How long a request waits for its turn [s].
+PATIENCE_S = 60.0
 
 
 class Buckets:
@@ -57,3 +61,22 @@ class Streams:
         self._open[client] -= 1
         if not self._open[client]:
             del self._open[client]
+
+
+class Turns:
+    """Requests take turns: few run at once, the others wait in the order in which they came."""
+
+    def __init__(self, at_once: int) -> None:
+        self._turns = asyncio.Semaphore(at_once)
+
+    async def enter(self) -> bool:
+        """Wait for a turn; return whether it came in time."""
+        try:
+            await asyncio.wait_for(self._turns.acquire(), PATIENCE_S)
+        except TimeoutError:
+            return False
+        return True
+
+    def leave(self) -> None:
+        """End a turn."""
+        self._turns.release()

@@ -109,6 +109,25 @@ RIGHTS: dict[str, frozenset[Role] | None] = {
 }
 #: Answers that stay open; how many of them a token may have is limited.
 STREAMS = frozenset({f"GET {_API}/campaigns/{{}}/events", f"GET {_API}/events/stream"})
+#: Reads that take a large part of a second, or more; they have one turn between them.
+HEAVY = frozenset(
+    f"GET {_API}/{path}"
+    for path in (
+        "campaigns/{}/metrics",
+        "campaigns/{}/history",
+        "campaigns/{}/export",
+        "campaigns/{}/searches/{}/hops",
+        "problems/{}/structure",
+        "seeds",
+        "solutions/points",
+        "solutions/clusters",
+        "solutions/{}/trajectory",
+        "solutions/{}/export",
+        "solutions/{}/missed-thrust",
+    )
+)
+#: Reads that never wait for others: they say whether the service is alive.
+PROMPT = frozenset(f"GET {prefix}/{path}" for prefix in ("", _API) for path in ("healthz", "readyz"))
 #: Bodies too large for memory: their routes read them piece by piece, one at a time for each client.
 UPLOADS = frozenset({f"POST {_API}/campaigns/import"})
 #: Asked by POST for the size of what they are asked about; they change nothing.

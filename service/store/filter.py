@@ -109,7 +109,11 @@ class Wanted:
 
     def _solves(self, column: Any) -> Any:
         query = select(column).where(_Again.solution_id == SolutionRow.id)
-        return query if self._searches is None else query.where(_Again.search_id.in_(self._searches))
+        if self._searches is None:
+            return query
+        # A sum, so that it cannot be looked up: the solves of a solution are few, those of a search are many,
+        # and SQLite, which does not know that, would go through all of the latter for each solution.
+        return query.where((_Again.search_id + 0).in_(self._searches))
 
     def _tolerances(self) -> list[ColumnElement[bool]]:
         found: list[ColumnElement[bool]] = []

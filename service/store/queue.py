@@ -2,24 +2,24 @@
 
 from typing import Any
 
-from sqlalchemy import func, select
-from sqlalchemy.orm import Session
+from sqlalchemy import select, true
+from sqlalchemy.orm import Session, aliased
 
 from service.api.activity_schemas import QueueView
 from service.db.tables import JOB_STATES, CampaignRow, JobRow, SearchRow
 from service.scheduler.leases import LeaseSettings
-from service.store.catalogue import is_in
+from service.store.tallies import job_states, summed
 
 #: What an operator may have to do something about.
 OPEN = ("queued", "running", "dead")
+
+_First = aliased(JobRow)
 
 
 def get_queue(session: Session, now: float, leases: LeaseSettings) -> QueueView:
     """Return the queue as it is now."""
     by_campaign = _counts(session)
-    oldest = session.execute(
-        select(JobRow.id, JobRow.updated_at).where(is_in("queued")).order_by(JobRow.id).limit(1)
-    ).first()
+    oldest = _oldest(session)
     total = {state: sum(counts.get(state, 0) for counts in by_campaign.values()) for state in JOB_STATES}
     return QueueView.model_validate(
         {
@@ -35,14 +35,27 @@ def get_queue(session: Session, now: float, leases: LeaseSettings) -> QueueView:
 
 
 def _counts(session: Session) -> dict[int, dict[str, int]]:
-    """Return the number of jobs by campaign and state, counted in an index."""
-    by_search = select(JobRow.search_id, JobRow.state, func.count()).group_by(JobRow.search_id, JobRow.state)
+    """Return the number of jobs by campaign and state, from what is counted as it comes."""
     owners = {row_id: owner for row_id, owner in session.execute(select(SearchRow.id, SearchRow.campaign_id))}
-    found: dict[int, dict[str, int]] = {}
-    for search_id, state, number in session.execute(by_search):
-        counts = found.setdefault(owners[search_id], {})
-        counts[state] = counts.get(state, 0) + number
-    return found
+    found: dict[int, list[dict[str, int]]] = {}
+    for search_id, counts in job_states(session, true()).items():
+        found.setdefault(owners[search_id], []).append(counts)
+    return {campaign_id: summed(counts) for campaign_id, counts in found.items()}
+
+
+def _oldest(session: Session) -> tuple[int, float] | None:
+    """Return id and time of the queued job with the least id: the least of those of each search."""
+    first = (
+        select(_First.id)
+        .where(_First.search_id == SearchRow.id, _First.state == "queued")
+        .order_by(_First.id)
+        .limit(1)
+        .correlate(SearchRow)
+    )
+    ids = select(JobRow.id).select_from(SearchRow).join(JobRow, JobRow.id == first.scalar_subquery())
+    query = select(JobRow.id, JobRow.updated_at).where(JobRow.id.in_(ids)).order_by(JobRow.id).limit(1)
+    row = session.execute(query).first()
+    return None if row is None else (row.id, row.updated_at)
 
 
 def _campaigns(session: Session, by_campaign: dict[int, dict[str, int]]) -> list[dict[str, Any]]:

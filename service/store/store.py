@@ -257,10 +257,15 @@ class Store:
         with self._database.read() as session:
             return find.campaign_state(session, campaign_id)
 
-    def campaign_facts(self, campaign_id: int) -> CampaignFacts:
-        """Return the facts that the metrics of a campaign are made from."""
+    def campaign_facts(self, campaign_id: int, most_vectors: int | None = None) -> CampaignFacts:
+        """Return the facts behind the metrics of a campaign, without its vectors if there are more."""
         with self._database.read() as session:
-            return facts.campaign_facts(session, campaign_id)
+            return facts.campaign_facts(session, campaign_id, most_vectors)
+
+    def n_solves(self, campaign_id: int) -> int:
+        """Return how many solves a campaign has made."""
+        with self._database.read() as session:
+            return facts.n_solves(session, campaign_id)
 
     def find_campaign(self, name_or_id: str) -> int:
         """Return the campaign of an id, or the newest of a name."""

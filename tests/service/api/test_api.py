@@ -2,6 +2,7 @@ import json
 
 import pytest
 
+from service.api import metrics
 from tests.service.campaigns import OUTAGE, SPIRAL, finish, spec_fields, submitted
 
 API = "/api/v1"
@@ -267,3 +268,37 @@ def test_metrics_of_a_campaign_without_solves_are_empty_tables(client, store):
     assert client.post(f"{API}/campaigns", json=spec_fields()).status_code == 201
     body = client.get(f"{API}/campaigns/1/metrics").json()
     assert body["by_strategy"] == body["seed_chains"] == body["paired_changes"] == []
+
+
+def test_a_slow_table_serves_all_who_ask_until_ten_times_its_time_has_passed():
+    now, made = [0.0], []
+
+    def make():
+        now[0] += 2.0
+        made.append(now[0])
+        return made[-1]
+
+    tables = metrics.Tables(lambda: now[0])
+    assert [tables.ask(1, n, make) for n in (10, 10, 11)] == [2.0, 2.0, 2.0]
+    now[0] = 23.0
+    assert tables.ask(1, 11, make) == 25.0 and len(made) == 2
+
+
+def test_a_quick_table_is_made_anew_with_every_solve():
+    tables = metrics.Tables(lambda: 0.0)
+    assert [tables.ask(1, n, lambda n=n: n) for n in (10, 10, 11)] == [10, 10, 11]
+
+
+def test_metrics_of_many_solutions_read_no_vectors(store, client, monkeypatch):
+    submitted(store)
+    finish(store)
+    counted = client.get("/api/v1/campaigns/1/metrics").json()
+    assert counted["by_strategy"][0]["n_distinct"] > 0
+    monkeypatch.setattr(metrics, "MOST_COMPARED", 1)
+    assert not store.campaign_facts(1, 1).vectors and store.campaign_facts(1).vectors
+    client.app.state.tables = metrics.Tables()
+    bare = client.get("/api/v1/campaigns/1/metrics").json()
+    told = {"n_distinct": None, "distinct_per_core_hour": None}
+    assert bare == counted | {
+        name: [row | told for row in counted[name]] for name in ("by_strategy", "by_mapping")
+    }
