@@ -150,7 +150,7 @@ class Coordinator:
         leases: LeaseSettings = LeaseSettings(),  # noqa: B008
     ) -> None:
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         except OSError as error:
             raise unusable(folder, error.strerror) from error
         self._lock = FolderLock(folder)

@@ -64,6 +64,7 @@ def _appear(file: Path, make: Callable[[Path], None]) -> None:
     partial = file.with_name(file.name + ".partial")
     try:
         partial.unlink(missing_ok=True)
+        sqlite_file.make_private(partial)
         make(partial)
         with open(partial, "rb") as made:
             os.fsync(made.fileno())

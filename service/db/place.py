@@ -21,7 +21,7 @@ Place = Path | URL
 def make_folder(folder: Path) -> None:
     """Make a data folder where there is none."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     except OSError as error:
         raise unusable(folder, error.strerror) from error
 

@@ -6,6 +6,8 @@ between, whatever the time-out; so every write begins IMMEDIATE, and there is on
 
 import os
 import sqlite3
+import stat
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -24,16 +26,33 @@ NETWORK_FILE_SYSTEMS = {
 }  # fmt: skip
 #: How long a write waits for that of another process [ms].
 BUSY_TIMEOUT_MS = 5000
+#: Rights of an archive and its backups: they hold tokens' hashes and all that a team has found.
+PRIVATE = 0o600
 
 
 def writer_engine(path: Path, *, checks_references: bool = True) -> Engine:
     """Return the engine of the one writer; tables are rebuilt without checking what refers to them."""
+    make_private(path)
     engine = _engine(str(path), uri=False)
     event.listen(engine, "connect", _on_writer_connect)
     if not checks_references:
         event.listen(engine, "connect", lambda c, _: c.execute("PRAGMA foreign_keys = OFF"))
     event.listen(engine, "begin", lambda connection: connection.exec_driver_sql("BEGIN IMMEDIATE"))
     return engine
+
+
+def make_private(path: Path) -> None:
+    """Make the file of an archive if there is none, and leave it and its journal to its owner alone.
+
+    SQLite gives a journal the rights of its file.
+    """
+    # Where there can be no file SQLite says why; what belongs to somebody else stays as it is.
+    with suppress(OSError):
+        os.close(os.open(path, os.O_RDWR | os.O_CREAT, PRIVATE))
+    for file in (path, *(path.with_name(path.name + end) for end in ("-wal", "-shm"))):
+        with suppress(OSError):
+            if stat.S_IMODE(file.stat().st_mode) & ~PRIVATE:
+                file.chmod(PRIVATE)
 
 
 def reader_engine(path: Path) -> Engine:

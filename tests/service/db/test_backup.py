@@ -1,5 +1,6 @@
 import json
 import sqlite3
+import stat
 import sys
 import threading
 from pathlib import Path
@@ -10,6 +11,7 @@ from service import cli
 from service.db.backup import backup, restore
 from service.db.check import check
 from service.db.engine import Database, DatabaseError
+from service.db.place import FILE_NAME, make_folder
 from service.db.tables import SCHEMA_VERSION, EventRow
 from service.db.upgrade import version_of
 from service.store import Store
@@ -208,3 +210,31 @@ def test_an_archive_moves_to_postgresql_and_back_with_every_bit(store, tmp_path,
         last = store.last_event_id(1)
         assert session.query(EventRow).filter(EventRow.id > last).one().id == last + 1
     moved.close()
+
+
+def _rights(file):
+    return stat.S_IMODE(file.stat().st_mode)
+
+
+def test_archive_journal_and_backup_are_for_their_owner_alone(tmp_path):
+    folder = tmp_path / "archive"
+    make_folder(folder)
+    with Store(folder) as store:
+        submitted(store)
+        backup(folder / FILE_NAME, tmp_path / "copy.db")
+        made = [*folder.iterdir(), tmp_path / "copy.db"]
+        assert {file.name for file in made} >= {
+            "coastarc.db",
+            "coastarc.db-wal",
+            "coastarc.db-shm",
+            "copy.db",
+        }
+        assert {_rights(file) for file in made} == {0o600} and _rights(folder) == 0o700
+
+
+def test_an_archive_that_others_could_read_is_closed_to_them(tmp_path):
+    with Store(tmp_path) as store:
+        submitted(store)
+    (tmp_path / FILE_NAME).chmod(0o644)
+    with Store(tmp_path):
+        assert _rights(tmp_path / FILE_NAME) == 0o600
