@@ -11,11 +11,13 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
+from functools import cache, partial
 from importlib import import_module
+from inspect import signature
 from typing import Any, TextIO
 
 from workers.executor import Ticket
-from workers.job import Claim, JobOutcome
+from workers.job import Claim, JobOutcome, Message
 
 
 class Inbox:
@@ -52,6 +54,12 @@ def runner_named(path: str) -> Callable[..., JobOutcome]:
     return runner
 
 
+@cache
+def hands_in(runner: Callable[..., JobOutcome]) -> bool:
+    """Return whether a runner hands in the hops of a chain as they come."""
+    return "hand_in" in signature(runner).parameters
+
+
 def main() -> None:
     """Run jobs until stdin closes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -64,9 +72,13 @@ def main() -> None:
     while True:
         claim = inbox.claims.get()
         ticket = Ticket(claim.job_id, claim.attempt)
-        outcome = runner(claim.job, lambda ticket=ticket: inbox.is_cancelled(ticket))
-        replies.write(json.dumps({"ticket": ticket, "outcome": outcome.model_dump(mode="json")}) + "\n")
-        replies.flush()
+
+        def reply(noun: str, message: Message, ticket: Ticket = ticket) -> None:
+            replies.write(json.dumps({"ticket": ticket, noun: message.model_dump(mode="json")}) + "\n")
+            replies.flush()
+
+        more = {"hand_in": partial(reply, "part")} if hands_in(runner) else {}
+        reply("outcome", runner(claim.job, lambda ticket=ticket: inbox.is_cancelled(ticket), **more))
 
 
 if __name__ == "__main__":

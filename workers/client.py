@@ -1,4 +1,4 @@
-"""The coordinator over HTTP: one question asked once, and the source of jobs made of four of them.
+"""The coordinator over HTTP: one question asked once, and the source of jobs made of five of them.
 
 Whether and when to ask again is for whoever asks; what may be asked again is raised as `Unreachable`.
 
@@ -24,6 +24,8 @@ from workers.job import (
     CompleteManyAnswer,
     CompleteManyRequest,
     CompleteRequest,
+    HandInAnswer,
+    HandInRequest,
     HeartbeatAnswer,
     HeartbeatRequest,
 )
@@ -37,6 +39,9 @@ TIMEOUT_S = 15.0
 KEEPALIVE_S = 3.0
 #: What a coordinator, or a proxy before it, answers while it cannot work.
 PASSING = (408, 425, 429, 502, 503, 504)
+
+#: What a coordinator may refuse for what is in it, and go on with the worker.
+REPORTS = ("hand-in", "complete", "complete-many")
 
 A = TypeVar("A", bound=BaseModel)
 
@@ -176,6 +181,10 @@ class HttpSource:
         """Extend the leases of what is held; return what is to be cancelled, and what is lost."""
         return self._ask("heartbeat", request, HeartbeatAnswer)
 
+    def hand_in(self, request: HandInRequest) -> HandInAnswer:
+        """Report hops of a chain that goes on."""
+        return self._report("hand-in", request, HandInAnswer)
+
     def complete(self, request: CompleteRequest) -> CompleteAnswer:
         """Report an outcome."""
         return self._report("complete", request, CompleteAnswer)
@@ -199,7 +208,7 @@ class HttpSource:
                 raise Unreachable(f"{error}; a new token is asked for") from error
             if error.code in ("stale_attempt", "other_claimant"):
                 raise StaleAttempt(str(error)) from error
-            if verb.startswith("complete") and error.status in (404, 413, 422):
+            if verb in REPORTS and error.status in (404, 413, 422):
                 raise
             raise Refused(str(error)) from error
 

@@ -17,12 +17,14 @@ from workers.heartbeat import Heartbeat
 from workers.job import (
     MOST_REPORTS,
     RESULTS,
+    ChainPart,
     ClaimAnswer,
     ClaimRequest,
     CompleteAnswer,
     CompleteManyRequest,
     CompleteRequest,
     Ending,
+    HandInRequest,
     JobOutcome,
     WorkerInfo,
     job_digest,
@@ -73,6 +75,9 @@ class Dispatcher:
         self._unreported: dict[Ticket, JobOutcome] = {}
         #: By `job_digest`, of all that is held.
         self._digests: dict[Ticket, str] = {}
+        #: Hops of chains that go on, not handed in yet; and the first hop of each that is not.
+        self._parts: dict[Ticket, ChainPart] = {}
+        self._next_hops: dict[Ticket, int] = {}
         self._outbox = outbox
         #: Those of the unreported that are in the outbox; and those that an earlier dispatcher left there.
         self._kept: set[Ticket] = set()
@@ -173,7 +178,13 @@ class Dispatcher:
     def _collect(self) -> None:
         end = time.monotonic() + PATIENCE_S
         # Asked even if nothing runs: so an executor that is lost is noticed in time.
-        for finished in self._executor.finished(PATIENCE_S):
+        done = self._executor.finished(PATIENCE_S)
+        for ticket, part in self._executor.handed_in():
+            before = self._parts.get(ticket)
+            if before is not None:
+                part = part.model_copy(update={"solves": before.solves + part.solves})
+            self._parts[ticket] = part
+        for finished in done:
             self._take(finished)
         if not self._running and not (self._unreported and self._line.is_due()):
             # Nothing can finish, which some executors say at once.
@@ -184,18 +195,47 @@ class Dispatcher:
         if ticket in self._hung and outcome.ending is Ending.CANCELLED:
             outcome = JobOutcome(ending=Ending.TIMEOUT, error="job: expected an outcome in time, got none")
         if ticket not in self._disowned:
-            self._unreported[ticket] = outcome
+            self._unreported[ticket] = self._rest(ticket, outcome)
         else:
             self._digests.pop(ticket, None)
+            self._parts.pop(ticket, None)
+        self._next_hops.pop(ticket, None)
         self._running.pop(ticket, None)
         self._hung.discard(ticket)
         self._disowned.discard(ticket)
+
+    def _rest(self, ticket: Ticket, outcome: JobOutcome) -> JobOutcome:
+        """Return an outcome without the hops that are handed in, as far as it has any."""
+        if outcome.solves:
+            # It has those that wait as well.
+            self._parts.pop(ticket, None)
+        first = self._next_hops.get(ticket, 0)
+        return outcome.model_copy(update={"solves": tuple(s for s in outcome.solves if s.hop >= first)})
+
+    def _hand_in(self) -> None:
+        """Hand in hops of chains that go on, so that the loss of a worker does not cost them."""
+        for ticket, part in list(self._parts.items()):
+            if not self._line.is_due():
+                return
+            try:
+                self._source.hand_in(HandInRequest(job_id=ticket.job_id, attempt=ticket.attempt, part=part))
+            except (Faulty, Unacceptable, StaleAttempt) as error:
+                # The outcome has them all again, and tells what is wrong where that is refused too.
+                log.warning("job %d: hops not handed in: %s", ticket.job_id, error, extra=_ids(ticket))
+            except Unreachable as error:
+                self._wait(error)
+                return
+            else:
+                self._next_hops[ticket] = part.place.next_hop
+                self._heard()
+            del self._parts[ticket]
 
     def _report(self) -> None:
         if not self._line.is_due():
             self._keep()
             return
-        if len(self._unreported) > 1:
+        self._hand_in()
+        if len(self._unreported) > 1 and self._line.is_due():
             self._report_many()
         for ticket in list(self._unreported):
             if not self._line.is_due():

@@ -9,7 +9,7 @@ An executor may forget all it holds at any time; the coordinator's database is t
 from typing import NamedTuple, Protocol
 
 from core.faults import UserError
-from workers.job import Job, JobOutcome
+from workers.job import ChainPart, Job, JobOutcome
 
 #: Time that an attempt has to stop by itself after it was asked, before it is killed [s].
 CANCEL_GRACE_S = 10.0
@@ -27,6 +27,13 @@ class Finished(NamedTuple):
 
     ticket: Ticket
     outcome: JobOutcome
+
+
+class HandedIn(NamedTuple):
+    """Hops of a chain that an attempt still works on."""
+
+    ticket: Ticket
+    part: ChainPart
 
 
 class ExecutorError(UserError, RuntimeError):
@@ -53,6 +60,12 @@ class Executor(Protocol):
         ------
         ExecutorLost
             When nothing can be expected from this executor any more.
+        """
+
+    def handed_in(self) -> list[HandedIn]:
+        """Return what attempts have handed in since this was asked last; never waits.
+
+        All of it is in their outcomes as well, so an executor may know of none.
         """
 
     def cancel(self, ticket: Ticket, force: bool = False) -> None:

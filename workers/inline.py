@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Callable
 
-from workers.executor import ExecutorError, Finished, Ticket
+from workers.executor import ExecutorError, Finished, HandedIn, Ticket
 from workers.job import Ending, Job, JobOutcome
 
 Runner = Callable[[Job, Callable[[], bool]], JobOutcome]
@@ -38,6 +38,10 @@ class Inline:
             ticket, job = self._waiting.popleft()
             done.append(Finished(ticket, self._runner(job, self._stop)))
         return done
+
+    def handed_in(self) -> list[HandedIn]:
+        """Return nothing: whoever asks waits for the outcome in the same thread."""
+        return []
 
     def cancel(self, ticket: Ticket, force: bool = False) -> None:
         """Drop a job that has not begun; one that runs has the caller's thread and cannot be asked."""

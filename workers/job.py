@@ -117,6 +117,21 @@ class HopLaws(Message):
     max_failures: Annotated[int, Field(ge=1)] = 5
 
 
+class ChainPlace(Message):
+    """Where a chain stands between two hops: all that the next depends on besides its address."""
+
+    next_hop: Annotated[int, Field(ge=1)]
+    #: Best of the endings so far.
+    ending: Ending
+    failures: Annotated[int, Field(ge=0)]
+    width: Annotated[float, Field(gt=0, le=1)]
+    #: Whether there is an incumbent; only one with finite numbers has a vector to hop from.
+    has_incumbent: bool
+    x: tuple[float, ...] | None = None
+    objective_kg: float | None = None
+    violation: float | None = None
+
+
 class HopJob(Message):
     """A chain of monotonic basin hopping: `n_hops` solves from one start."""
 
@@ -127,6 +142,8 @@ class HopJob(Message):
     n_hops: Annotated[int, Field(ge=1)]
     laws: HopLaws = HopLaws()
     settings: Settings = Settings()
+    #: Where to go on, if earlier attempts have handed in hops.
+    place: ChainPlace | None = None
 
 
 class MapJob(Message):
@@ -159,7 +176,9 @@ def wall_limit_of(settings: Settings, k: int, n_solves: int) -> float:
 
 def job_digest(job: HopJob | MapJob) -> str:
     """Return what tells a job from all others, of this archive or of another."""
-    return hashlib.blake2b(job.model_dump_json().encode(), digest_size=16).hexdigest()
+    # Where an attempt begins is none of it.
+    text = job.model_dump_json(exclude={"place"})
+    return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
 
 class Provenance(Message):
@@ -233,6 +252,17 @@ class JobOutcome(Message):
     provenance: Provenance | None = None
     #: A traceback for `error`, the last words of the process for `crash`.
     error: Annotated[str, Field(max_length=LONGEST_ERROR)] | None = None
+    #: Where a chain stands that was stopped between two hops.
+    place: ChainPlace | None = None
+
+
+class ChainPart(Message):
+    """The next hops of a chain that goes on, handed in so that a loss does not cost them."""
+
+    solves: Annotated[tuple[SolveRecord, ...], Field(min_length=1)]
+    provenance: Provenance
+    #: Where the chain stands after them.
+    place: ChainPlace
 
 
 class Claim(Message):
@@ -319,6 +349,22 @@ class CompleteRequest(Message):
     #: `job_digest` of what was claimed, of a report that waited in a file: another archive may have a job of
     #: the same number.
     job_digest: Annotated[str, Field(pattern="^[0-9a-f]{32}$")] | None = None
+
+
+class HandInRequest(Message):
+    """Hops of a chain that an attempt still works on."""
+
+    job_id: RowId
+    attempt: RowId
+    part: ChainPart
+
+
+class HandInAnswer(Message):
+    """Where the chain begins if this attempt is lost; later than was handed in if that came twice."""
+
+    job_id: int
+    attempt: int
+    next_hop: int
 
 
 #: The reports of one request, at most.

@@ -15,8 +15,8 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-from workers.executor import CANCEL_GRACE_S, ExecutorError, Finished, Ticket
-from workers.job import Claim, Ending, Job, JobOutcome
+from workers.executor import CANCEL_GRACE_S, ExecutorError, Finished, HandedIn, Ticket
+from workers.job import ChainPart, Claim, Ending, Job, JobOutcome
 from workers.threads import single_threaded
 
 #: How long a child may take to leave after its stdin closed [s].
@@ -112,6 +112,7 @@ class ProcessPool:
         self._runner = runner
         self._grace_s = grace_s
         self._replies: queue.Queue[tuple[_Child, str | None]] = queue.Queue()
+        self._parts: list[HandedIn] = []
         self._children = [self._started() for _ in range(n_workers)]
 
     def capacity(self) -> int:
@@ -139,17 +140,26 @@ class ProcessPool:
         self._kill_overdue()
         done = []
         for child, line in self._arrived(timeout):
+            reply = {} if line is None else json.loads(line)
+            if "part" in reply:
+                part = ChainPart.model_validate(reply["part"])
+                self._parts.append(HandedIn(Ticket(*reply["ticket"]), part))
+                continue
             ticket, child.ticket, child.patience_ends = child.ticket, None, None
             if line is None:
                 if ticket is not None:
                     done.append(Finished(ticket, child.obituary()))
             else:
-                reply = json.loads(line)
                 done.append(Finished(Ticket(*reply["ticket"]), JobOutcome.model_validate(reply["outcome"])))
             if line is None or child.is_killed:
                 # Killed after its reply, it would take the next job with it.
                 self._restart(child)
         return done
+
+    def handed_in(self) -> list[HandedIn]:
+        """Return what children have handed in of chains that go on."""
+        parts, self._parts = self._parts, []
+        return parts
 
     def cancel(self, ticket: Ticket, force: bool = False) -> None:
         """Ask the attempt to stop at its next iteration and kill it after a grace, or kill it now."""

@@ -19,7 +19,7 @@ from typing import Any
 
 import psutil
 
-from workers.executor import CANCEL_GRACE_S, ExecutorError, ExecutorLost, Finished, Ticket
+from workers.executor import CANCEL_GRACE_S, ExecutorError, ExecutorLost, Finished, HandedIn, Ticket
 from workers.family import adopt_orphans, kill, kill_descendants
 from workers.job import Claim, Ending, Job, JobOutcome
 from workers.ray_folder import RayFolder, require_short
@@ -303,6 +303,10 @@ class RayExecutor:
             done = self._ended(patience)
             if done or time.monotonic() >= end:
                 return [Finished(ticket, self._outcome(self._running.pop(ticket))) for ticket in done]
+
+    def handed_in(self) -> list[HandedIn]:
+        """Return nothing: a task of Ray answers once, at its end."""
+        return []
 
     def cancel(self, ticket: Ticket, force: bool = False) -> None:
         """Ask the attempt to stop at its next iteration and kill it after a grace, or kill it now."""

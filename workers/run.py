@@ -6,7 +6,7 @@ of ours and ends the attempt as `error`, with the solves that were finished befo
 
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import lru_cache
 from typing import Any
 
@@ -17,7 +17,16 @@ from threadpoolctl import threadpool_limits
 import core
 from core.nlp import Outcome, SolveSettings
 from core.problem import Problem, problem_from
-from core.search import Chain, HopAddress, HopSettings, hop_rng, solve_recovery, solve_seed
+from core.search import (
+    Chain,
+    ChainState,
+    HopAddress,
+    HopSettings,
+    Incumbent,
+    hop_rng,
+    solve_recovery,
+    solve_seed,
+)
 from core.tolerances import PAPER, violation
 from core.transcription import TOLERANCE, Transcription
 from workers.certify import certificate, trajectory
@@ -26,6 +35,8 @@ from workers.job import (
     LONGEST_ERROR,
     WALL_FACTOR,
     WALL_MARGIN_S,
+    ChainPart,
+    ChainPlace,
     Ending,
     HopJob,
     Job,
@@ -39,6 +50,9 @@ from workers.threads import require_one_thread
 
 Stop = Callable[[], bool]
 
+#: How long a chain works before it hands in its hops, and again [s]: a loss costs that much, or one hop.
+HAND_IN_S = 10.0
+
 #: Endings of statuses that are not plainly infeasible.
 ENDINGS = {
     "NOT_FINITE": Ending.NUMERICAL,
@@ -50,39 +64,116 @@ ENDINGS = {
 }
 
 
-def run_job(job: Job, stop: Stop = lambda: False) -> JobOutcome:
-    """Run a job to its end, or until `stop` says so; every finished solve is kept."""
+def run_job(
+    job: Job, stop: Stop = lambda: False, hand_in: Callable[[ChainPart], None] | None = None
+) -> JobOutcome:
+    """Run a job to its end, or until `stop` says so; every finished solve is kept.
+
+    `hand_in` takes the hops of a long chain as they come; the outcome has all of this run again.
+    """
     solves: list[SolveRecord] = []
+    parts = _Parts(job, hand_in)
     try:
         with threadpool_limits(1):
             require_one_thread()
-            for record in _solves(job, stop):
+            for record, chain in _solves(job, stop):
                 solves.append(record)
+                parts.add(record, chain)
     except Exception:
         # Its end says what went wrong.
         return _outcome(Ending.ERROR, solves, traceback.format_exc()[-LONGEST_ERROR:])
-    is_complete = len(solves) == (job.n_hops if isinstance(job, HopJob) else 1)
-    return _outcome(summary_ending(solves) if is_complete else Ending.CANCELLED, solves)
+    if len(solves) < _n_solves(job):
+        return _outcome(Ending.CANCELLED, solves, place=parts.place)
+    return _outcome(parts.ending, solves)
 
 
-def summary_ending(solves: list[SolveRecord]) -> Ending:
+def summary_ending(endings: Iterable[Ending]) -> Ending:
     """Return the ending of a job: the best of its solves'."""
     order = (Ending.FEASIBLE, Ending.INFEASIBLE, Ending.TIMEOUT, Ending.NUMERICAL)
-    return min((record.ending for record in solves), key=order.index, default=Ending.NUMERICAL)
+    return min(endings, key=order.index, default=Ending.NUMERICAL)
 
 
-def _outcome(ending: Ending, solves: list[SolveRecord], error: str | None = None) -> JobOutcome:
-    return JobOutcome(ending=ending, solves=tuple(solves), provenance=provenance(), error=error)
+def _n_solves(job: Job) -> int:
+    """Return how many solves are left of a job."""
+    if isinstance(job, MapJob):
+        return 1
+    return job.n_hops - (job.place.next_hop - job.address.hop if job.place else 0)
 
 
-def _solves(job: Job, stop: Stop) -> Iterator[SolveRecord]:
+def _earlier(job: Job) -> tuple[Ending, ...]:
+    return (job.place.ending,) if isinstance(job, HopJob) and job.place else ()
+
+
+class _Parts:
+    """Hands in the hops of a chain, at most every `HAND_IN_S` and never the last: the end comes at once."""
+
+    def __init__(self, job: Job, hand_in: Callable[[ChainPart], None] | None) -> None:
+        self._hand_in = hand_in
+        self._endings = list(_earlier(job))
+        self._solves: list[SolveRecord] = []
+        self._n_left = _n_solves(job)
+        self._due = time.monotonic() + HAND_IN_S
+        #: Where the chain stands; None at its start.
+        self.place: ChainPlace | None = None
+
+    @property
+    def ending(self) -> Ending:
+        """The best so far."""
+        return summary_ending(self._endings)
+
+    def add(self, record: SolveRecord, chain: Chain | None) -> None:
+        """Take a solve, and hand in what there is if it is time."""
+        self._solves.append(record)
+        self._endings.append(record.ending)
+        self._n_left -= 1
+        if chain is None or not self._n_left:
+            return
+        self.place = place_of(chain.state, record.hop + 1, self.ending)
+        if self._hand_in is None or time.monotonic() < self._due:
+            return
+        self._hand_in(ChainPart(solves=tuple(self._solves), provenance=provenance(), place=self.place))
+        self._solves, self._due = [], time.monotonic() + HAND_IN_S
+
+
+def place_of(state: ChainState, next_hop: int, ending: Ending) -> ChainPlace:
+    """Return where a chain stands, as a message."""
+    best = state.incumbent
+    assert state.width is not None
+    about: dict[str, Any] = {"has_incumbent": best is not None}
+    if best is not None:
+        about |= {"objective_kg": _finite(best.objective), "violation": _finite(best.violation)}
+        if np.isfinite(best.violation):
+            about |= {"x": as_floats(best.x)}
+    return ChainPlace(next_hop=next_hop, ending=ending, failures=state.failures, width=state.width, **about)
+
+
+def state_at(place: ChainPlace | None) -> ChainState | None:
+    """Return where a chain goes on, bit by bit as it was."""
+    if place is None:
+        return None
+    incumbent = None
+    if place.has_incumbent:
+        # What was not finite ranks last whatever it was, and nothing hops from there.
+        x = np.array(() if place.x is None else place.x)
+        objective, worst = (np.nan if v is None else v for v in (place.objective_kg, place.violation))
+        incumbent = Incumbent(x, objective, worst)
+    return ChainState(incumbent, place.failures, place.width)
+
+
+def _outcome(ending: Ending, solves: list[SolveRecord], error: str | None = None, **more: Any) -> JobOutcome:
+    return JobOutcome(ending=ending, solves=tuple(solves), provenance=provenance(), error=error, **more)
+
+
+def _solves(job: Job, stop: Stop) -> Iterator[tuple[SolveRecord, Chain | None]]:
+    """Yield each solve, with the chain that it belongs to."""
     return _hops(job, stop) if isinstance(job, HopJob) else _mapped(job, stop)
 
 
-def _hops(job: HopJob, stop: Stop) -> Iterator[SolveRecord]:
+def _hops(job: HopJob, stop: Stop) -> Iterator[tuple[SolveRecord, Chain]]:
     problem, transcription = prepared(job.problem, job.settings)
-    chain = Chain(transcription, HopSettings(**job.laws.model_dump()))
-    for hop in range(job.address.hop, job.address.hop + job.n_hops):
+    chain = Chain(transcription, HopSettings(**job.laws.model_dump()), state_at(job.place))
+    first = job.place.next_hop if job.place else job.address.hop
+    for hop in range(first, job.address.hop + job.n_hops):
         guess = chain.ask(hop_rng(job.rng_seed, hop_address(job, hop)))
         deadline = _Deadline(job.settings, problem, stop)
         stopwatch = Stopwatch()
@@ -92,10 +183,10 @@ def _hops(job: HopJob, stop: Stop) -> Iterator[SolveRecord]:
             # Cut short, it is not the result that this address stands for.
             return
         move = chain.tell(outcome)
-        yield _record(job, hop, problem, outcome, times, move)
+        yield _record(job, hop, problem, outcome, times, move), chain
 
 
-def _mapped(job: MapJob, stop: Stop) -> Iterator[SolveRecord]:
+def _mapped(job: MapJob, stop: Stop) -> Iterator[tuple[SolveRecord, None]]:
     problem, seed_problem = warmed(job.problem, job.settings), problem_from(job.seed_problem)
     seed, form = np.array(job.seed_x), _form(job.settings)
     deadline = _Deadline(job.settings, problem, stop)
@@ -105,7 +196,7 @@ def _mapped(job: MapJob, stop: Stop) -> Iterator[SolveRecord]:
     outcome = solve(seed_problem, seed, problem, job.mapping, settings, deadline, **form)
     times = stopwatch.read()
     if not stop():
-        yield _record(job, job.address.hop, problem, outcome, times)
+        yield _record(job, job.address.hop, problem, outcome, times), None
 
 
 def hop_address(job: Job, hop: int) -> HopAddress:

@@ -1,4 +1,4 @@
-"""Where jobs come from: the coordinator, behind four calls that carry messages of `workers.job` alone.
+"""Where jobs come from: the coordinator, behind five calls that carry messages of `workers.job` alone.
 
 SourceError(RuntimeError)   a source that did not do what it was asked
 Unreachable             no answer now; the same may be asked again
@@ -18,6 +18,8 @@ from workers.job import (
     CompleteManyAnswer,
     CompleteManyRequest,
     CompleteRequest,
+    HandInAnswer,
+    HandInRequest,
     HeartbeatAnswer,
     HeartbeatRequest,
 )
@@ -54,13 +56,16 @@ class StaleAttempt(SourceError):
 
 
 class JobSource(Protocol):
-    """Four calls, each of which may be repeated when its answer got lost, and each raises `SourceError`."""
+    """Five calls, each of which may be repeated when its answer got lost, and each raises `SourceError`."""
 
     def claim(self, request: ClaimRequest) -> ClaimAnswer:
         """Return jobs, which are then this worker's for the time of a lease."""
 
     def heartbeat(self, request: HeartbeatRequest) -> HeartbeatAnswer:
         """Extend the leases of what is held; return what is to be cancelled, and what is lost."""
+
+    def hand_in(self, request: HandInRequest) -> HandInAnswer:
+        """Report hops of a chain that goes on."""
 
     def complete(self, request: CompleteRequest) -> CompleteAnswer:
         """Report an outcome."""

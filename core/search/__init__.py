@@ -5,7 +5,7 @@ from core.search.assignments import MAPPINGS, check_mapping, expand_mapping
 from core.search.continuation import solve_seed
 from core.search.guess_laws import GUESS_LAWS, sample_guess
 from core.search.hop_laws import HOP_LAWS, HopLaw, draw_steps
-from core.search.hopping import Chain, HopSettings, hop, hop_times, is_better
+from core.search.hopping import Chain, ChainState, HopSettings, Incumbent, hop, hop_times, is_better
 from core.search.mapping import map_seed
 from core.search.recovery import solve_recovery
 from core.search.refinement import REFINED, refined_problem
@@ -16,9 +16,11 @@ __all__ = [
     "MAPPINGS",
     "REFINED",
     "Chain",
+    "ChainState",
     "HopAddress",
     "HopLaw",
     "HopSettings",
+    "Incumbent",
     "check_mapping",
     "draw_steps",
     "expand_mapping",

@@ -156,12 +156,40 @@ def hop_times(
     return moved
 
 
-def is_better(challenger: Outcome, incumbent: Outcome | None) -> bool:
+@dataclass(frozen=True, slots=True, eq=False)
+class Incumbent:
+    """What a chain hops from, and what a challenger has to beat."""
+
+    #: (n_variables,) decision vector [days, rad, kg].
+    x: Array
+    #: Final mass [kg].
+    objective: float
+    #: Largest defect over its strict tolerance [-].
+    violation: float
+
+    @property
+    def is_feasible(self) -> bool:
+        """Whether every defect is within the strict tolerance, as of the outcome that it was."""
+        return self.violation <= 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChainState:
+    """Where a chain stands between two hops: all that the next depends on besides its generator."""
+
+    incumbent: Incumbent | None = None
+    #: Hops in a row that have failed [-].
+    failures: int = 0
+    #: Scale of the next hop [-]; None for that of the start.
+    width: float | None = None
+
+
+def is_better(challenger: Outcome, incumbent: Outcome | Incumbent | None) -> bool:
     """Return whether an outcome beats another: feasible first, then violation, then final mass."""
     return incumbent is None or _rank(challenger) > _rank(incumbent)
 
 
-def _rank(outcome: Outcome) -> tuple[bool, float]:
+def _rank(outcome: Outcome | Incumbent) -> tuple[bool, float]:
     """Return what outcomes are ordered by; what is not a number comes last of its kind."""
     worth = outcome.objective if outcome.is_feasible else -outcome.violation
     return bool(outcome.is_feasible), -np.inf if np.isnan(worth) else worth
@@ -181,16 +209,31 @@ class Chain:
         The problem.
     settings : HopSettings
         Its laws.
+    state : ChainState
+        Where it goes on; at its start if left out.
     """
 
-    def __init__(self, transcription: Transcription, settings: HopSettings | None = None) -> None:
+    def __init__(
+        self,
+        transcription: Transcription,
+        settings: HopSettings | None = None,
+        state: ChainState | None = None,
+    ) -> None:
         self.transcription = transcription
         self.settings = settings or HopSettings()
-        self.incumbent: Outcome | None = None
-        self.failures = 0
+        begin = state or ChainState()
+        self.incumbent: Outcome | Incumbent | None = begin.incumbent
+        self.failures = begin.failures
         #: Scale of the next hop [-].
-        self.width = self.settings.width
+        self.width = self.settings.width if begin.width is None else begin.width
         self._times = _time_indices(transcription)
+
+    @property
+    def state(self) -> ChainState:
+        """Where it stands; a chain that goes on there makes the same hops."""
+        best = self.incumbent
+        kept = None if best is None else Incumbent(best.x, best.objective, best.violation)
+        return ChainState(kept, self.failures, self.width)
 
     @property
     def is_hopping(self) -> bool:

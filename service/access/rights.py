@@ -104,6 +104,7 @@ RIGHTS: dict[str, frozenset[Role] | None] = {
     f"POST {_API}/jobs/{{}}/cancel": SUBMITTERS,
     f"POST {_API}/jobs/claim": WORKERS,
     f"POST {_API}/jobs/heartbeat": WORKERS,
+    f"POST {_API}/jobs/hand-in": WORKERS,
     f"POST {_API}/jobs/complete": WORKERS,
     f"POST {_API}/jobs/complete-many": WORKERS,
 }

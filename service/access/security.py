@@ -36,7 +36,7 @@ ANSWER_HEADERS = {
 MAX_BODY_BYTES = 512 * 1024
 #: The same for the report of a worker: a chain of thousands of hops brings a vector for each.
 MAX_REPORT_BYTES = 64 * 1024 * 1024
-REPORT_PATHS = ("/api/v1/jobs/complete", "/api/v1/jobs/complete-many")
+REPORT_PATHS = ("/api/v1/jobs/hand-in", "/api/v1/jobs/complete", "/api/v1/jobs/complete-many")
 #: The same for the portable file of a campaign, which is never in memory as a whole.
 MAX_PORTABLE_BYTES = 1024 * 1024 * 1024
 PORTABLE_PATH = "/api/v1/campaigns/import"

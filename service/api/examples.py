@@ -5,7 +5,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from service.api import identity_schemas, lineage_schemas, problem_schemas, schemas, solution_schemas
-from workers.job import ClaimAnswer, CompleteAnswer, CompleteManyAnswer, HeartbeatAnswer
+from workers.job import ClaimAnswer, CompleteAnswer, CompleteManyAnswer, HandInAnswer, HeartbeatAnswer
 
 SOLUTION = "63dd0ec3a1b24c7f9e5d8b6a4f2c1e07"
 SEED = "1b7e9c50d3f84a6286e0b5c7d9f1a324"
@@ -309,6 +309,7 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
     identity_schemas.AuditPage: {"items": [AUDIT], "next": 9},
     ClaimAnswer: {"claims": [HELD | {"job": HOP_JOB}], "lease_s": 30.0, "heartbeat_s": 10.0},
     HeartbeatAnswer: {"extended": [HELD], "to_cancel": [], "not_held": []},
+    HandInAnswer: HELD | {"next_hop": 4},
     CompleteAnswer: HELD | {"state": "done"},
     CompleteManyAnswer: {"answers": [HELD | {"state": "done"}]},
 }

@@ -20,6 +20,8 @@ from workers.job import (
     CompleteManyAnswer,
     CompleteManyRequest,
     CompleteRequest,
+    HandInAnswer,
+    HandInRequest,
     HeartbeatAnswer,
     HeartbeatRequest,
 )
@@ -37,6 +39,30 @@ WORKER = {
 HELD = {"job_id": 17, "attempt": 1}
 CLAIM = {"worker": WORKER, "n_jobs": 8}
 HEARTBEAT = {"worker": WORKER, "held": [HELD]}
+SOLVE = {
+    "hop": 0,
+    "rng_key": "2026/0/0/0/0/0",
+    "ending": "infeasible",
+    "status": "ITERATION_LIMIT",
+    "is_feasible": False,
+    "objective_kg": 12900.0,
+    "violation": 31.5,
+    "defects": [[3.15, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]],
+    "n_iterations": 500,
+    "n_evaluations": 731,
+    "cpu_seconds": 12.1,
+    "wall_seconds": 12.4,
+    "move": "accepted",
+}
+PLACE = {"next_hop": 1, "ending": "infeasible", "failures": 0, "width": 0.1, "has_incumbent": True}
+PROVENANCE = {
+    "code_version": "0.1.0+1f0c5e9a7b3d",
+    "python_version": "3.11.7",
+    "package_versions": {"numpy": "2.4.6"},
+    "kernel_hashes": {},
+    "host": "node7",
+}
+HAND_IN = HELD | {"part": {"solves": [SOLVE], "provenance": PROVENANCE, "place": PLACE}}
 COMPLETE = HELD | {"outcome": {"ending": "crash", "error": "worker process: got exit code -9"}}
 #: What the routes of workers may answer besides the usual refusals.
 CONFLICT: dict[int | str, dict[str, Any]] = {409: {"model": Fault, "description": "Conflict; see `code`"}}
@@ -92,6 +118,19 @@ def keep_jobs(
     if request.extend:
         return store.heartbeat(request.worker, held, who.name)
     return store.look(held, who.name)
+
+
+@router.post("/jobs/hand-in", responses=CONFLICT)
+def hand_in_hops(
+    request: Annotated[HandInRequest, Body(openapi_examples={"one hop": {"value": HAND_IN}})],
+    store: StoreHere,
+    who: IdentityHere,
+) -> HandInAnswer:
+    """Take the hops of a chain that goes on, so that the loss of its worker costs one hop and not the chain.
+
+    Solves and solutions are stored as those of an outcome are, and the next attempt begins after them.
+    """
+    return store.hand_in(Ticket(request.job_id, request.attempt), request.part, who.name)
 
 
 @router.post("/jobs/complete", responses=CONFLICT)

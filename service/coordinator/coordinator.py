@@ -24,7 +24,7 @@ from service.coordinator.history_reader import read_history
 from service.coordinator.lock import FolderLock
 from service.coordinator.reaper import Reaper
 from service.coordinator.supervisor import Supervisor
-from service.db.engine import Unavailable, unusable
+from service.db.engine import Unavailable, WriteFault, unusable
 from service.scheduler.leases import LeaseSettings
 from service.settings import Settings
 from service.store import Store
@@ -200,6 +200,9 @@ class Coordinator:
         while True:
             try:
                 return Store(self._folder, leases=self._leases)
+            except WriteFault:
+                # Of a disk without room the user hears at once.
+                raise
             except Unavailable as error:
                 outage.tell(CoordinatorError(f"{error}; it is asked again every {DATABASE_PERIOD_S:g} s"))
                 time.sleep(DATABASE_PERIOD_S)

@@ -17,7 +17,7 @@ from service.scheduler.states import TRANSITIONS
 from workers.job import Ending
 
 #: Grows with every change of the tables; kept in SQLite's user_version.
-SCHEMA_VERSION = 6
+SCHEMA_VERSION = 7
 
 CAMPAIGN_STATES, SEARCH_STATES, JOB_STATES = (tuple(TRANSITIONS[n]) for n in ("campaign", "search", "job"))
 ENDINGS = tuple(ending.value for ending in Ending)
@@ -179,6 +179,8 @@ class JobRow(Base):
     is_cancelling: Mapped[bool] = mapped_column(default=False, server_default="0")
     worker: Mapped[str | None]
     ending: Mapped[str | None]
+    #: Where a chain goes on whose first hops are handed in, as `workers.job.ChainPlace`; read only to go on.
+    place: Mapped[Any] = mapped_column(Json, nullable=True, deferred=True)
     created_at: Mapped[float]
     updated_at: Mapped[float]
 

@@ -10,7 +10,7 @@ from service.db.dialect import plain
 from service.db.tables import AttemptRow, CampaignRow, CaseRow, JobRow, SearchRow, SolutionRow
 from service.scheduler.sharing import Share, in_turn, mean_cost_s
 from service.store.specs import definition_of, layout_of_problem, search_spec
-from workers.job import Address, Claim, HopJob, MapJob
+from workers.job import Address, ChainPlace, Claim, HopJob, MapJob
 
 # Statements are made once: to build one takes longer than to run it.  States stand in them as text, since
 # only then are the indexes of one state used.
@@ -111,7 +111,11 @@ def _claimed(
     job = turn.job
     job.state, job.attempt, job.worker = "running", job.attempt + 1, worker
     job.lease_until, job.updated_at = now + lease_s, now
-    return Claim(job_id=job.id, attempt=job.attempt, job=message_of(session, turn, seeds))
+    message = message_of(session, turn, seeds)
+    if job.attempt > 1 and job.place is not None:
+        # Earlier attempts have handed in hops.
+        message = message.model_copy(update={"place": ChainPlace.model_validate(job.place)})
+    return Claim(job_id=job.id, attempt=job.attempt, job=message)
 
 
 def message_of(session: Session, turn: Turn, seeds: dict[str, Any]) -> HopJob | MapJob:

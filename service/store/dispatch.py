@@ -4,7 +4,7 @@ import logging
 from collections.abc import Sequence
 from typing import Any, NamedTuple, cast
 
-from sqlalchemy import bindparam, select, update
+from sqlalchemy import bindparam, func, select, update
 from sqlalchemy.orm import Session
 from sqlalchemy.orm.attributes import set_committed_value
 
@@ -15,7 +15,7 @@ from service.db.tables import AttemptRow, JobRow, ProvenanceRow, SearchRow, Solv
 from service.logs import say
 from service.scheduler import plan
 from service.scheduler.leases import backoff_s
-from service.solutions.checks import JobFacts, UnsoundError, require_outcome
+from service.solutions.checks import JobFacts, UnsoundError, require_outcome, require_records
 from service.store.archive import add_solve
 from service.store.claims import Turn, message_of, seeds_of
 from service.store.errors import StoreError, UnknownRow
@@ -26,7 +26,18 @@ from service.store.submission import go_on_after
 from service.store.tallies import Counts
 from workers.dispatcher import StaleAttempt
 from workers.executor import Ticket
-from workers.job import KIND_NUMBERS, RESULTS, CompleteAnswer, Ending, JobOutcome, job_digest
+from workers.job import (
+    KIND_NUMBERS,
+    RESULTS,
+    ChainPart,
+    ChainPlace,
+    CompleteAnswer,
+    Ending,
+    HandInAnswer,
+    JobOutcome,
+    SolveRecord,
+    job_digest,
+)
 
 
 class Report(NamedTuple):
@@ -85,13 +96,69 @@ def complete(
         work = worked.setdefault(mine.search.id, Worked(mine.search, mine.campaign))
         _take_back(session, mine, work, outcome, counts, now)
         answers.append(_answer(ticket, mine.job.state))
-    for work in worked.values():
+    _follow_up(session, list(worked.values()), counts, now)
+    return answers
+
+
+def hand_in(
+    session: Session, ticket: Ticket, part: ChainPart, now: float, by: str | None = None
+) -> HandInAnswer:
+    """Store hops of a chain that goes on, behind the same fence and with all that follows from them.
+
+    The next attempt begins after them.  What came before changes nothing.
+    """
+    held = find_held(session, [ticket], by).get(ticket)
+    if held is None:
+        raise _stale(ticket)
+    try:
+        require_records(job_facts(session, held), part.solves)
+    except UnsoundError as error:
+        raise StoreError(f"job {ticket.job_id}: {error}") from error
+    work, counts = Worked(held.search, held.campaign), Counts()
+    _add_solves(session, held, work, part.solves, counts, now)
+    held.attempt.provenance_hash = _provenance(session, work, part)
+    _move(session, held, part.place)
+    _follow_up(session, [work], counts, now)
+    next_hop = max(part.place.next_hop, held.job.place["next_hop"])
+    return HandInAnswer(job_id=ticket.job_id, attempt=ticket.attempt, next_hop=next_hop)
+
+
+def _follow_up(session: Session, worked: Sequence[Worked], counts: Counts, now: float) -> None:
+    """Store what follows from new solves: totals, tallies, events, and the jobs that they plan."""
+    for work in worked:
         _charge(session, work)
     counts.store(session)
-    store(session, [event for work in worked.values() for event in work.events])
-    for work in worked.values():
+    store(session, [event for work in worked for event in work.events])
+    for work in worked:
         go_on_after(session, work, now)
-    return answers
+
+
+def _add_solves(
+    session: Session, held: Held, work: Worked, solves: Sequence[SolveRecord], counts: Counts, now: float
+) -> None:
+    try:
+        for record in solves:
+            add_solve(session, held, work, record, counts, now)
+    except ValueError as error:
+        raise StoreError(f"job {held.job.id}: {error}") from error
+
+
+def _move(session: Session, held: Held, place: ChainPlace) -> None:
+    """Let the next attempt at a chain begin where this one stands."""
+    job, thing = held.job, f"job {held.job.id}: place"
+    before = (SolveRow.job_id == job.id) & (SolveRow.hop < place.next_hop)
+    n_known = session.scalar(select(func.count()).select_from(SolveRow).where(before)) or 0
+    if job.seed_id is not None or not job.hop < place.next_hop < job.hop + job.n_hops:
+        raise StoreError(f"{thing}: expected a hop within its chain, got {place.next_hop}")
+    if n_known != place.next_hop - job.hop:
+        expected = place.next_hop - job.hop
+        raise StoreError(f"{thing}: expected all {expected} hops before {place.next_hop}, got {n_known}")
+    n_variables = facts_of_problem(session, held.problem_hash).layout.n_variables
+    if place.x is not None and len(place.x) != n_variables:
+        raise StoreError(f"{thing}: expected {n_variables} numbers in x, got {len(place.x)}")
+    if job.place is None or job.place["next_hop"] < place.next_hop:
+        # Failures in a row are counted; a chain of days may lose a worker now and then.
+        job.place, job.n_failures = place.model_dump(mode="json"), 0
 
 
 def _take_back(
@@ -99,8 +166,9 @@ def _take_back(
 ) -> None:
     job = held.job
     require_sound(session, held, outcome)
-    for record in outcome.solves:
-        add_solve(session, held, work, record, counts, now)
+    _add_solves(session, held, work, outcome.solves, counts, now)
+    if outcome.place is not None:
+        _move(session, held, outcome.place)
     end_attempt(job, outcome.ending, now)
     _close_attempt(session, held.attempt, work, outcome, job.state, now)
     counts.add(job.search_id, "attempt", outcome.ending.value)
@@ -141,9 +209,10 @@ def _require_same_job(session: Session, held: Held, digest: str) -> None:
 def require_sound(session: Session, held: Held, outcome: JobOutcome) -> None:
     """Refuse an outcome that no run of its job can have had."""
     known = select(SolveRow.hop, SolveRow.ending).where(SolveRow.job_id == held.job.id)
+    # Only what ran before can have left some, or the same attempt where it does not bring all.
+    may_be = held.job.attempt > 1 or len(outcome.solves) < held.job.n_hops
     with session.no_autoflush:
-        # Only what ran before can have left some.
-        done = {hop: ending for hop, ending in session.execute(known)} if held.job.attempt > 1 else {}
+        done = {hop: ending for hop, ending in session.execute(known)} if may_be else {}
     try:
         require_outcome(job_facts(session, held), outcome, done)
     except UnsoundError as error:
@@ -172,11 +241,15 @@ def _stored_answer(session: Session, ticket: Ticket, by: str | None) -> Complete
         raise UnknownRow("job", ticket.job_id)
     attempt = session.get(AttemptRow, tuple(ticket))
     if attempt is None or attempt.next_state is None:
-        raise StaleAttempt(
-            f"job {ticket.job_id}: expected attempt {ticket.attempt} to hold it, got a stale report"
-        )
+        raise _stale(ticket)
     require_claimant(attempt, by)
     return _answer(ticket, attempt.next_state)
+
+
+def _stale(ticket: Ticket) -> StaleAttempt:
+    return StaleAttempt(
+        f"job {ticket.job_id}: expected attempt {ticket.attempt} to hold it, got a stale report"
+    )
 
 
 def _answer(ticket: Ticket, state: str) -> CompleteAnswer:
@@ -216,10 +289,11 @@ def _close_attempt(
     attempt.ended_at, attempt.ending, attempt.next_state = now, outcome.ending.value, next_state
     # PostgreSQL has no place for a NUL, which the last words of a process may hold.
     attempt.error = outcome.error and outcome.error.replace("\0", "\ufffd")
-    attempt.provenance_hash = _provenance(session, work, outcome)
+    # What died without a word may have handed in hops before.
+    attempt.provenance_hash = _provenance(session, work, outcome) or attempt.provenance_hash
 
 
-def _provenance(session: Session, work: Worked, outcome: JobOutcome) -> str | None:
+def _provenance(session: Session, work: Worked, outcome: JobOutcome | ChainPart) -> str | None:
     if outcome.provenance is None:
         return None
     text = outcome.provenance.model_dump_json()

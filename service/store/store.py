@@ -60,7 +60,15 @@ from service.store.portable_import import TakenIn
 from service.store.seeds import SeedsWanted
 from service.store.specs import spec_fields
 from workers.executor import Ticket
-from workers.job import Claim, CompleteAnswer, HeartbeatAnswer, JobOutcome, WorkerInfo
+from workers.job import (
+    ChainPart,
+    Claim,
+    CompleteAnswer,
+    HandInAnswer,
+    HeartbeatAnswer,
+    JobOutcome,
+    WorkerInfo,
+)
 from workers.outage import Outage
 
 __all__ = ["Store", "StoreError", "UnknownRow"]
@@ -151,6 +159,12 @@ class Store:
         """Tell what to cancel and what is lost, and extend nothing."""
         with self._database.read() as session:
             return leases.look(session, held, by)
+
+    def hand_in(self, ticket: Ticket, part: ChainPart, by: str | None = None) -> HandInAnswer:
+        """Store hops of a chain that goes on; a stale part raises, one that came before changes nothing."""
+        return self._database.write(
+            lambda session: dispatch.hand_in(session, ticket, part, self._clock(), by)
+        )
 
     def complete(self, ticket: Ticket, outcome: JobOutcome, by: str | None = None) -> CompleteAnswer:
         """Take back an outcome; a stale one raises and changes nothing, a repeated one gets its answer."""

@@ -57,6 +57,9 @@ class StoreSource:
         held = [Ticket(job.job_id, job.attempt) for job in request.held]
         return self._store.heartbeat(request.worker.name, held)
 
+    def hand_in(self, request):
+        return self._store.hand_in(Ticket(request.job_id, request.attempt), request.part)
+
     def complete(self, request):
         return self.complete_many(CompleteManyRequest(reports=(request,))).answers[0]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from core.nlp import ExitStatus, Outcome
-from core.search import HopSettings
+from core.search import ChainState, HopSettings
 from tests.workers.jobs import hop_job
 from workers import run
 from workers.job import Address, Ending, HopLaws, MapJob, Settings
@@ -23,6 +23,9 @@ def outcome(status, defect_km):
 
 class Numerics:
     """Stands for core: returns outcomes from a list, and remembers what it was given."""
+
+    #: As of a chain; these go on from nothing.
+    state = ChainState(width=0.1)
 
     def __init__(self, monkeypatch, outcomes, verdict=(True, True)):
         self.outcomes = list(outcomes)
@@ -178,7 +181,7 @@ def test_counts_end_a_solve_long_before_the_clock_does():
 def test_the_laws_of_a_job_reach_its_chain(monkeypatch):
     told = []
     numerics = Numerics(monkeypatch, [STALLED])
-    monkeypatch.setattr(run, "Chain", lambda _, settings: told.append(settings) or numerics)
+    monkeypatch.setattr(run, "Chain", lambda _, settings, place: told.append(settings) or numerics)
     laws = {"hop_law": "pareto", "hop_width": 0.01, "hop_shape": 0.8, "time_hop_probability": 0.05}
     run.run_job(hop_job(laws=HopLaws(max_failures=9, **laws)))
     assert told == [HopSettings(max_failures=9, **laws)]

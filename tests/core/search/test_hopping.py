@@ -315,3 +315,36 @@ def test_the_same_address_gives_the_same_chain_and_another_one_another():
 def test_impossible_settings_are_refused(options, message):
     with pytest.raises(ValueError, match=message):
         HopSettings(**options)
+
+
+def played(settings, told, places=()):
+    """Return the guesses of a chain and what it said, the chain being made anew before some of its hops."""
+    chain, seen = Chain(SMALL, settings), []
+    for hop_number, values in enumerate(told):
+        if hop_number in places:
+            chain = Chain(SMALL, settings, chain.state)
+        guess = chain.ask(np.random.default_rng(hop_number))
+        seen.append((guess.tobytes(), chain.tell(outcome(*values, guess))))
+    return seen
+
+
+@pytest.mark.parametrize("adaptive", [False, True])
+def test_a_chain_that_goes_on_where_another_stood_makes_the_same_hops_bit_by_bit(adaptive):
+    settings = HopSettings(hop_law="gaussian", adaptive=adaptive, max_failures=3, time_hop_probability=0.3)
+    # Better and worse, feasible and not, two restarts, and what could not be flown.
+    told = [
+        (np.inf, np.nan),
+        (5.0, 0.0),
+        (4.0, 0.0),
+        (4.5, 0.0),
+        (0.5, 10.0),
+        (0.5, 9.0),
+        (0.5, 8.0),
+        (0.9, 7.0),
+    ]
+    told = [*told, (np.nan, 1.0), (3.0, 1.0), (3.5, 1.0), (2.0, 1.0), (0.7, 11.0), (0.7, 12.0)]
+    whole = played(settings, told)
+    assert {said for _, said in whole} == {"accepted", "rejected", "restarted"}
+    for place in range(len(told)):
+        assert played(settings, told, {place}) == whole
+    assert played(settings, told, set(range(len(told)))) == whole

@@ -135,7 +135,7 @@ def test_a_route_answers_its_roles_and_names_the_one_it_needs_to_others(client, 
 def test_a_worker_changes_nothing_but_its_jobs():
     asked = QUESTIONS | {line for line in RIGHTS if line.startswith(("GET", "HEAD"))}
     may = {line for line, roles in RIGHTS.items() if roles and Role.WORKER in roles}
-    verbs = ("claim", "heartbeat", "complete", "complete-many")
+    verbs = ("claim", "heartbeat", "hand-in", "complete", "complete-many")
     assert may - asked == {f"POST /api/v1/jobs/{verb}" for verb in verbs}
 
 

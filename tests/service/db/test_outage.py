@@ -1,5 +1,7 @@
 """A PostgreSQL that stops under a service, as at once as it can, and is started again."""
 
+import os
+import signal
 import threading
 import time
 
@@ -10,16 +12,19 @@ from fastapi.testclient import TestClient
 from service.access.rights import Role
 from service.access.security import Access
 from service.app import create_app
-from service.coordinator import Coordinator, coordinator
+from service.coordinator import Coordinator, Crew, coordinator
 from service.coordinator.history_reader import read_history
 from service.db.engine import DatabaseError, Unavailable
 from service.db.place import database_url
+from service.scheduler.leases import LeaseSettings
 from service.settings import Settings
 from service.store import Store
 from tests.service.api.test_schema import OPERATIONS
-from tests.service.campaigns import finish, spec_fields, submitted
-from tests.service.databases import needs_postgres
+from tests.service.campaigns import content, finish, spec_fields, submitted
+from tests.service.coordinator.test_dispatch import SLOW, undisturbed, wait_for
+from tests.service.databases import needs_postgres, rows
 from tests.workers.jobs import worker_info
+from workers.dispatch import ExecutorKind
 
 pytestmark = [pytest.mark.postgres, needs_postgres]
 
@@ -34,6 +39,12 @@ UNCONCERNED = {
     ("GET", "/api/v1/specs/templates"),
 }
 ID = "0" * 32
+
+
+@pytest.fixture
+def expected(tmp_path):
+    """What the campaign finds, on an archive of its own: asked for before the place is another."""
+    return undisturbed(tmp_path / "undisturbed", guesses=40)
 
 
 @pytest.fixture
@@ -180,3 +191,29 @@ def test_reading_ahead_goes_on_when_the_server_is_back(store, away, monkeypatch)
     away.go_on()
     reader.join(60.0)
     assert not reader.is_alive()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dies", [False, True])
+def test_outcomes_that_end_while_the_server_is_away_are_handed_in_and_nothing_runs_twice(
+    expected, url, tmp_path, away, dies
+):
+    leases = LeaseSettings(lease_s=20.0, heartbeat_s=1.0, reap_s=0.5)
+    outbox = tmp_path / "away" / "outbox"
+    with Coordinator(tmp_path / "away", leases=leases) as running:
+        campaign = submitted(running.store, spec_fields(40))
+        running.work(Crew(2, ExecutorKind.PROCESS, SLOW), campaign)
+        wait_for(lambda: len(running.store.jobs(campaign, None, "done", 200).items) >= 2)
+        away()
+        # One at least is at work; whatever was between two jobs has none.
+        wait_for(lambda: list(outbox.glob("*.json")))
+        time.sleep(0.5)
+        kept = sorted(int(path.name.split("-")[1]) for path in outbox.glob("*.json"))
+        if dies:
+            os.kill(running.dispatcher_pid, signal.SIGKILL)
+        away.go_on()
+        wait_for(lambda: running.store.campaign(campaign).state == "done")
+        assert content(running.store) == expected and list(outbox.glob("*.json")) == []
+        # What waited was taken as it was, and not lost and found again.
+        again = rows(running.store, "SELECT job_id FROM attempt WHERE attempt > 1")
+        assert kept and not {job_id for (job_id,) in again}.intersection(kept)
