@@ -10,10 +10,14 @@ from fastapi.testclient import TestClient
 
 from service import cli
 from service.app import create_app
+from service.db import postgres as postgres_side
+from service.db.backup import backup, restore
 from service.db.check import check
+from service.db.repair import repair
 from service.store import Store
 from service.store.filter import Filter
 from tests.service.campaigns import finish, spec_fields, submitted
+from tests.service.databases import needs_postgres
 from tests.service.db.test_migrations import table_contents
 from tests.service.portable.made import certificate_on
 
@@ -220,3 +224,28 @@ def test_an_archive_in_use_or_with_lost_rows_is_left_alone(run, folder):
     poison(folder, "DELETE FROM problem WHERE k = 1")
     code, said = run("repair", "--apply")
     assert code == 2 and "expected a whole one, got references" in said
+
+
+@needs_postgres
+@pytest.mark.postgres
+def test_postgresql_is_repaired_in_the_same_way(folder, tmp_path, new_database):
+    url = new_database()
+    backup(folder / "coastarc.db", tmp_path / "b.db")
+    restore(tmp_path / "b.db", url)
+    engine = postgres_side.writer_engine(url)
+    with engine.begin() as connection:
+        for statement in (
+            on_solution("verification = '{', x = substring(x from 4)"),
+            on_solve("cpu_seconds = 1e308", IN_VAIN),
+            "UPDATE certificate SET is_sound = NOT is_sound",
+        ):
+            assert connection.exec_driver_sql(statement).rowcount == 1
+    assert {one.name for one in check(url) if one.state == "failed"} == {"content", "totals"}
+    aside = repair(url, tmp_path / "aside.ndjson")
+    assert aside.counts()["certificate"] == 1 and aside.counts()["solution"] >= 1
+    assert {one.state for one in check(url)} == {"ok"}
+    with engine.begin() as connection:
+        n_left = connection.exec_driver_sql("SELECT count(*) FROM solve").scalar()
+    engine.dispose()
+    written = [json.loads(line)["table"] for line in (tmp_path / "aside.ndjson").read_text().splitlines()]
+    assert n_left + written.count("solve") == len(table_contents(folder / "coastarc.db")["solve"])
