@@ -75,6 +75,8 @@ def test_a_stale_report_is_a_409_with_its_code(client, store):
     submitted(store)
     (claim,) = claimed(client).claims
     store.recover()
+    # Until somebody claims the job again its result is taken.
+    assert claimed(client).claims
     answer = reported(client, claim, run_fake(claim.job))
     assert answer.status_code == 409 and answer.json()["code"] == "stale_attempt"
     assert answer.headers["content-type"] == "application/problem+json"

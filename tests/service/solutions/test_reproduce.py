@@ -43,7 +43,7 @@ def test_a_chain_is_run_no_further_than_to_its_solution(finished):
 def changed(job, **change):
     outcome = run_fake(job)
     last = outcome.solves[-1]
-    x = (*last.x[:-1], last.x[-1] + 1e-9)
+    x = (*last.x[:3], last.x[3] + 1e-9, *last.x[4:])
     return outcome.model_copy(update={"solves": (*outcome.solves[:-1], last.model_copy(update={"x": x}))})
 
 
@@ -51,7 +51,7 @@ def test_one_number_that_differs_is_counted_and_measured(finished):
     wanted = finished.reproduction(finished.all_records(Filter())[0].id)
     comparison = reproduce(wanted, changed)
     assert not comparison.is_same and comparison.n_different == 1
-    assert comparison.largest_difference == pytest.approx(1e-9, rel=1e-6)  # x is in 0 .. 1
+    assert comparison.largest_difference == pytest.approx(1e-9, rel=1e-6)  # a throttle, in 0 .. 1
     assert "1 of" in verdict(comparison)
 
 
