@@ -59,7 +59,7 @@ log = logging.getLogger(__name__)
 NOBODYS_AUDIT_PER_S, NOBODYS_AUDIT_BURST = 0.1, 100
 #: Requests of people that run at once, so that most of the threads, of which there are forty, and of the
 #: processor stay for workers.
-READS, HEAVY_READS, CHANGES = 3, 1, 16
+READS, HEAVY_READS, CHANGES = 2, 1, 16
 
 
 class Visit:

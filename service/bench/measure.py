@@ -19,6 +19,7 @@ import psutil
 from service.bench.archive import fill
 from service.bench.load import Load, Tally, run_workers
 from service.bench.probe import Probe, campaign, percentile_ms
+from service.bench.readers import ReadersTally, run_readers
 from service.coordinator import CoordinatorError
 from service.spec import spec_from
 from workers.job import WorkerInfo
@@ -41,6 +42,8 @@ class Wanted:
     feasible_share: float
     #: Made-up outcomes that are in the archive before.
     n_before: int = 0
+    #: Readers that ask without a pause, a quarter of them for metrics.
+    n_readers: int = 0
 
 
 def measure(folder: Path, wanted: Wanted) -> dict[str, Any]:
@@ -48,7 +51,10 @@ def measure(folder: Path, wanted: Wanted) -> dict[str, Any]:
     spec = campaign("bench", 10_000_000, 1)
     if wanted.n_before:
         fill(folder, spec_from(spec), wanted.n_before, np.random.default_rng(1), is_done=False)
-    with _server(folder) as (process, told), httpx.Client(base_url=told["url"], timeout=120) as client:
+    with (
+        _server(folder, wanted.n_readers) as (process, told),
+        httpx.Client(base_url=told["url"], timeout=120) as client,
+    ):
         answer = client.post("/api/v1/campaigns", json=spec_from(spec).as_fields(), timeout=600)
         if answer.is_error:
             raise CoordinatorError(f"bench: expected a campaign, got {answer.text[:300]}")
@@ -70,13 +76,43 @@ def measure(folder: Path, wanted: Wanted) -> dict[str, Any]:
             wanted.feasible_share,
         )
         probe = Probe(client, answer.json()["id"])
-        return _under_load(folder, psutil.Process(process.pid), load, probe, wanted)
+        with _reading(told, probe.campaign_id) as readers:
+            measured = _under_load(folder, psutil.Process(process.pid), load, probe, wanted)
+    return measured | {"readers": _of_readers(readers)}
 
 
 @contextmanager
-def _server(folder: Path) -> Iterator[tuple["subprocess.Popen[str]", dict[str, str]]]:
+def _reading(told: dict[str, Any], campaign_id: int) -> Iterator[list[ReadersTally]]:
+    """Let readers ask all the while; what they met is in the list afterwards."""
+    found: list[ReadersTally] = []
+    if not told["readers"]:
+        yield found
+        return
+    context = multiprocessing.get_context("spawn")
+    stop, results = context.Event(), context.Queue()
+    order = (told["url"], told["readers"], campaign_id, stop, results)
+    readers = context.Process(target=run_readers, args=order, daemon=True)
+    readers.start()
+    try:
+        yield found
+    finally:
+        stop.set()
+    found.append(results.get(timeout=300))
+    readers.join(60)
+
+
+def _of_readers(found: list[ReadersTally]) -> dict[str, Any] | None:
+    if not found:
+        return None
+    (tally,) = found
+    reads = {name: _times(times) for name, times in tally.reads.items()}
+    return {"reads": reads, "statuses": dict(sorted(tally.statuses.items()))}
+
+
+@contextmanager
+def _server(folder: Path, n_readers: int) -> Iterator[tuple["subprocess.Popen[str]", dict[str, Any]]]:
     folder.mkdir(parents=True, exist_ok=True)
-    command = [sys.executable, "-m", "service.bench.server", str(folder)]
+    command = [sys.executable, "-m", "service.bench.server", str(folder), str(n_readers)]
     with open(folder / "server.log", "w", encoding="utf-8") as log:
         process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True
@@ -175,6 +211,7 @@ def _report(
         "submits": _times(probe.felt.submits),
         "claims": _times(tally.claim_s),
         "completions": _times(tally.complete_s),
+        "claim_and_completion_p95_ms": _sum(tally.claim_s, tally.complete_s),
         "statuses": dict(sorted(tally.statuses.items())),
         "n_refused_reads": probe.felt.n_refused,
         "n_locked": tally.n_locked + log.count("is locked"),
@@ -194,6 +231,11 @@ def _memory_slope(samples: list[dict[str, Any]]) -> float | None:
     return float(1e5 * np.polyfit(n_outcomes, memory, 1)[0])
 
 
+def _sum(*several: list[float]) -> float | None:
+    found = [percentile_ms(times, 0.95) for times in several]
+    return sum(one for one in found if one is not None) if all(several) else None
+
+
 def _times(times: list[float]) -> dict[str, float | None]:
-    shares = {"p50_ms": 0.5, "p99_ms": 0.99, "max_ms": 1.0}
+    shares = {"p50_ms": 0.5, "p95_ms": 0.95, "p99_ms": 0.99, "max_ms": 1.0}
     return {"n": len(times)} | {name: percentile_ms(times, share) for name, share in shares.items()}

@@ -39,7 +39,7 @@ class Probe:
 
     def __init__(self, client: httpx.Client, campaign_id: int) -> None:
         self._client = client
-        self._campaign_id = campaign_id
+        self.campaign_id = campaign_id
         self._event = 0
         self._turns: Iterator[str] = cycle(READS)
         self._n_submits = 0
@@ -49,7 +49,7 @@ class Probe:
         """Make the read whose turn it is."""
         (template,) = islice(self._turns, 1)
         begin = time.perf_counter()
-        answer = self._client.get(template.format(campaign=self._campaign_id, event=self._event))
+        answer = self._client.get(template.format(campaign=self.campaign_id, event=self._event))
         self._took(self.felt.reads.setdefault(template, []), begin, answer)
         if template.startswith("/api/v1/events") and answer.is_success and (items := answer.json()["items"]):
             self._event = items[-1]["id"]

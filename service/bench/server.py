@@ -1,6 +1,7 @@
 """The coordinator that `coastarc bench service` measures: a process of its own, without a dispatcher.
 
-`python -m service.bench.server FOLDER` prints its address and a worker's token, and ends with its input.
+`python -m service.bench.server FOLDER READERS` prints its address, a worker's token and tokens for so many
+readers, and ends with its input.
 """
 
 import json
@@ -19,8 +20,13 @@ def main() -> None:
     with Coordinator(Path(sys.argv[1])) as coordinator:
         # A folder may have been measured before.
         name = f"simulated workers {secrets.token_hex(4)}"
-        token = coordinator.store.identities.create(name, Role.WORKER, 30.0).token
-        sys.stdout.write(json.dumps({"url": coordinator.url, "token": token}) + "\n")
+        identities = coordinator.store.identities
+        token = identities.create(name, Role.WORKER, 30.0).token
+        viewers = [
+            identities.create(f"{name}, reader {number}", Role.VIEWER, 30.0).token
+            for number in range(int(sys.argv[2]))
+        ]
+        sys.stdout.write(json.dumps({"url": coordinator.url, "token": token, "readers": viewers}) + "\n")
         sys.stdout.flush()
         sys.stdin.read()
 

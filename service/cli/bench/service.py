@@ -21,7 +21,16 @@ Seconds = Annotated[
 WorkersOption = Annotated[int, typer.Option("--workers", min=1, max=1000, help="Simulated workers.")]
 Rate = Annotated[float, typer.Option(min=0, help="Outcomes per second that they offer; 0 all that they can.")]
 Feasible = Annotated[float, typer.Option(min=0, max=1, help="Share of outcomes that are solutions.")]
-Prefill = Annotated[int, typer.Option(min=0, max=10_000_000, help="Made-up outcomes in the archive before.")]
+Prefill = Annotated[
+    int,
+    typer.Option(
+        "--prefill", "--solves", min=0, max=10_000_000, help="Made-up outcomes in the archive before."
+    ),
+]
+Readers = Annotated[
+    int,
+    typer.Option(min=0, max=500, help="Readers that ask without a pause, a quarter of them for metrics."),
+]
 Folder = Annotated[Path | None, typer.Option(help="Keep the archive in this folder, which must be empty.")]
 
 
@@ -33,6 +42,7 @@ def service(
     rate: Rate = 200.0,
     feasible: Feasible = 0.5,
     prefill: Prefill = 0,
+    readers: Readers = 0,
     folder: Folder = None,
     as_json: Json = False,
 ) -> None:
@@ -41,11 +51,11 @@ def service(
 
     if folder is not None and folder.exists() and any(folder.iterdir()):
         raise typer.BadParameter(f"expected an empty folder, got {folder}", param_hint="--folder")
-    wanted = Wanted(outcomes, workers, slots, seconds, rate, feasible, prefill)
+    wanted = Wanted(outcomes, workers, slots, seconds, rate, feasible, prefill, readers)
     with tempfile.TemporaryDirectory(prefix="coastarc-bench-") as scratch:
         measured = measure(folder or Path(scratch), wanted)
     settings = {"outcomes": outcomes, "workers": workers, "slots": slots, "seconds": seconds, "rate": rate}
-    settings |= {"feasible": feasible, "prefill": prefill}
+    settings |= {"feasible": feasible, "prefill": prefill, "readers": readers}
     if as_json:
         typer.echo(json.dumps({"machine": machine(), "settings": settings, **measured}, indent=2))
     else:
@@ -68,6 +78,13 @@ def _show(measured: dict[str, Any], settings: dict[str, Any]) -> None:
         numbers = (times[key] for key in ("p50_ms", "p99_ms", "max_ms"))
         listed.add_row(name, str(times["n"]), *("-" if ms is None else f"{ms:.1f}" for ms in numbers))
     console.print(listed)
+    if measured["claim_and_completion_p95_ms"] is not None:
+        told = (
+            f"a claim and a completion together, 95 of 100: {measured['claim_and_completion_p95_ms']:.1f} ms"
+        )
+        console.print(told, highlight=False)
+    if measured["readers"] is not None:
+        console.print(f"readers' answers: {measured['readers']['statuses']}", highlight=False)
     first, last = measured["memory_mb"]
     console.print(
         f"{measured['n_outcomes']} outcomes in {measured['seconds']:.1f} s: "
