@@ -39,6 +39,7 @@ DETAIL = {
     "seeds": {
         "source": "s0",
         "campaign": None,
+        "solution": None,
         "order": None,
         "limit": None,
         "pairing": "every",
