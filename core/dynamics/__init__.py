@@ -10,7 +10,7 @@ from core.dynamics.dop853 import (
     no_trail,
     propagate,
 )
-from core.dynamics.force import ForceModel, force_model
+from core.dynamics.force import ForceModel, fall, force_model
 
 __all__ = [
     "COAST",
@@ -19,6 +19,7 @@ __all__ = [
     "THRUST",
     "TOO_MANY_STEPS",
     "ForceModel",
+    "fall",
     "force_model",
     "integrate",
     "no_trail",

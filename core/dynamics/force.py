@@ -143,6 +143,43 @@ def gravity(gm: Array, field: Array, x: float, y: float, z: float) -> tuple[floa
 
 
 @compiled
+def fall(model: ForceModel, t: float, bodies: Array, state: Array, out: Array) -> None:
+    """Write acceleration and jerk (2, 3) [LU/TU^2, LU/TU^3] of a body that gravity alone moves to out.
+
+    Parameters
+    ----------
+    model : ForceModel
+        Gravity.
+    t : float
+        Epoch [TU].
+    bodies : (3, 9) array
+        Positions of Moon, Sun and Jupiter, and their first and second derivatives [LU, LU/TU, LU/TU^2].
+    state : (>= 6,) array
+        Geocentric position and velocity [LU, LU/TU].
+    out : (2, 3) array
+        Written; the jerk is the time derivative of eq. 2 along the path.
+    """
+    field = np.empty(FIELD_WIDTH)
+    field_at(model.field.start, model.field.record, model.field.coefficients, t, field)
+    out[0, 0], out[0, 1], out[0, 2] = gravity(model.gm, field, state[0], state[1], state[2])
+    out[1] = _pull_rate(model.gm[0], state[:3], state[3:6])
+    for b in range(3):
+        place, speed = bodies[0, 3 * b : 3 * b + 3], bodies[1, 3 * b : 3 * b + 3]
+        out[1] += _pull_rate(model.gm[b + 1], state[:3] - place, state[3:6] - speed)
+        # The Earth falls too.
+        out[1] += _pull_rate(model.gm[b + 1], place, speed)
+
+
+@compiled
+def _pull_rate(gm: float, d: Array, rate: Array) -> Array:
+    """Return the time derivative of -gm d / |d|^3."""
+    square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+    pull = gm / (square * np.sqrt(square))
+    along = (d[0] * rate[0] + d[1] * rate[1] + d[2] * rate[2]) / square
+    return 3.0 * pull * along * d - pull * rate
+
+
+@compiled
 def gravity_gradient(
     gm: Array, field: Array, x: float, y: float, z: float
 ) -> tuple[float, float, float, float, float, float]:

@@ -43,6 +43,8 @@ class EphemerisTable(NamedTuple):
     record: float
     #: (n_records, n_coefficients, n_columns) Chebyshev coefficients [LU].
     coefficients: Array
+    #: Whether it is a path of the force model, which then knows its acceleration better than the polynomials.
+    is_ballistic: bool = False
 
 
 @one_at_a_time

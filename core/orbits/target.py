@@ -129,7 +129,7 @@ def target_table(problem: Problem, cache_folder: Path | None = None) -> Ephemeri
 def _generated_table(path: Path, naif_id: int, departure_et: float) -> EphemerisTable:
     orbit = read_orbit(path, naif_id)
     assert orbit is not None
-    return _table_of(orbit, departure_et)
+    return _table_of(orbit, departure_et)._replace(is_ballistic=True)
 
 
 def _table_of(orbit: ChebyshevOrbit, departure_et: float) -> EphemerisTable:

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from core.dynamics import THRUST, ForceModel
+from core.dynamics import THRUST, ForceModel, fall
 from core.dynamics.dop853 import TRAIL_FULL, TRAIL_ROWS, TRAIL_WIDTH
 from core.dynamics.force import FIELD_WIDTH
-from core.ephemeris import EphemerisTable, jerks
+from core.ephemeris import EphemerisTable, jerks, states
 from core.jit import compiled
 from core.transcription.arc_curvature import (
     CONTROL_AT,
@@ -93,7 +93,7 @@ def curvature(
                 continue
             if plan.leg_start[leg] == TARGET:
                 _start_state(model, target, departure, plan, z, leg, ends, d_start)
-                _from_target(model, target, plan, z, leg, d_start, costates[leg], on, matrix)
+                _from_target(model, target, plan, z, leg, ends[leg], d_start, costates[leg], on, matrix)
             _add_to(pattern, leg, matrix, values)
     return steps
 
@@ -288,6 +288,7 @@ def _from_target(
     plan: Plan,
     z: Array,
     leg: int,
+    start: Array,
     d_start: Array,
     costate: Array,
     on: Desk,
@@ -296,14 +297,12 @@ def _from_target(
     """Replace a start on the target by the time of arrival, eq. 35; the row of the mass remains."""
     arc = plan.leg_first[leg]
     t, times = _moment(plan, arc, 0, plan.leg_trajectory[leg], z), plan.arc_times[arc, 0]
-    jerk, moon = on.sums[0], on.sums[1]
-    jerks(target, t, jerk)
-    jerks(model.bodies, t, moon)
+    jerk = _jerk(model, target, t, start)
     slope, by_slope = on.sums[2], on.pull
     twice = 0.0
     for i in range(3):
         # d2 (r, v) / dt2 is acceleration and jerk.
-        twice += costate[i] * d_start[3 + i] + costate[3 + i] * (jerk[i] + moon[i])
+        twice += costate[i] * d_start[3 + i] + costate[3 + i] * jerk[i]
     for i in range(_N):
         by_slope[i] = 0.0
         for j in range(_N):
@@ -324,6 +323,20 @@ def _from_target(
             matrix[_N + s, _N + s2] += (
                 times[s] * times[s2] * twice + times[s] * slope[s2] + slope[s] * times[s2]
             )
+
+
+@compiled
+def _jerk(model: ForceModel, target: EphemerisTable, t: float, state: Array) -> Array:
+    """Return the jerk (3,) of the target about the Earth: that of the model where gravity alone moves it."""
+    if target.is_ballistic:
+        bodies, falling = np.empty((3, model.bodies.coefficients.shape[2])), np.empty((2, 3))
+        states(model.bodies, t, bodies)
+        fall(model, t, bodies, state, falling)
+        return falling[1]
+    jerk, moon = np.empty(target.coefficients.shape[2]), np.empty(model.bodies.coefficients.shape[2])
+    jerks(target, t, jerk)
+    jerks(model.bodies, t, moon)
+    return jerk + moon[:3]
 
 
 @compiled

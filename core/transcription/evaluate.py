@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.dynamics import STATE as STATE_ONLY
-from core.dynamics import THRUST, ForceModel, integrate, no_trail
+from core.dynamics import THRUST, ForceModel, fall, integrate, no_trail
 from core.ephemeris import EphemerisTable, states
 from core.jit import compiled
 from core.transcription.control import push_of
@@ -133,6 +133,11 @@ def _start_state(
             ends[leg, 3 + i] = d_start[i] = moon[1, i] + relative[1, i]
             d_start[3 + i] = moon[2, i] + relative[2, i]
         ends[leg, 6] = z[link]
+        if target.is_ballistic:
+            # The second derivative of a polynomial is worst where records meet.
+            falling = np.empty((2, 3))
+            fall(model, t, moon, ends[leg], falling)
+            d_start[3:6] = falling[0]
 
 
 @compiled

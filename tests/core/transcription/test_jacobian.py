@@ -51,7 +51,7 @@ def foreign(factor=1.01):
     """Return a transcription whose target is no orbit: the NRHO, blown up about the Moon."""
     flown = Transcription(problem(((3, 1.0), (6, 1.0)), 8), 1, TIGHT)
     table = flown.setting.target
-    target = table._replace(coefficients=table.coefficients * factor)
+    target = table._replace(coefficients=table.coefficients * factor, is_ballistic=False)
     flown.setting = dataclasses.replace(flown.setting, target=target)
     return flown
 
@@ -74,12 +74,27 @@ def test_the_final_coast_matters_only_where_the_target_is_not_ballistic():
     assert min(columns[0][1], columns[1][1]) > 1000.0  # and T_s matters everywhere
 
 
+@pytest.mark.parametrize("hours", [0.0, 1.0, 1e-7, 0.5, 0.999])
+def test_the_final_coast_on_the_orbit_changes_nothing_where_records_meet_either(hours):
+    flown = transcription((), 8)
+    x = random_point(flown, 5)
+    # Arrival on a whole hour of the records, which begin five days before departure, and beside it.
+    whole = np.ceil((x[0] + x[1] + 1.0) * 24.0) / 24.0
+    x[2] = whole + hours / 24.0 - x[0] - x[1]
+    column = flown.jacobian(x).toarray()[:, 2]
+    # The rates of orbit and flight agree to rounding, 1e-16 of 3 km/s per second or 1e-11 km/d a step, which
+    # the way to the matchpoint magnifies up to 10,000 times.
+    assert np.abs(column[:3]).max() < 1e-6 and np.abs(column[3:]).max() < 1e-11
+
+
 def test_the_pattern_does_not_depend_on_the_point_and_has_no_entry_too_many():
     flown = transcription(((5, 1.0), (11, 1.0), (16, 1.0)), 20)
     first, second = (flown.jacobian(random_point(flown, rng_seed)) for rng_seed in (1, 2))
     np.testing.assert_array_equal(first.indices, second.indices)
     np.testing.assert_array_equal(first.indptr, second.indptr)
-    assert np.all(first.data != 0.0)
+    # On a ballistic target the final coasts change nothing, and their entries are there for the others.
+    final = {own.final_coast for own in flown.layout.trajectories}
+    assert set(first.indices[first.data == 0.0].tolist()) <= final
 
 
 def test_mass_rows_have_the_closed_form():
