@@ -1,8 +1,31 @@
-"""When to try again what failed."""
+"""Time: when to try again what failed, and how much of it this process could work in."""
 
 import random
 import time
 from collections.abc import Callable
+
+#: Whoever looks at the clock again and again, and finds more than this gone, was stopped meanwhile [s].
+LONGEST_GAP_S = 10.0
+
+
+class Awake:
+    """Seconds in which this process could work, for whoever asks often: a pause of it counts for little.
+
+    Batch systems stop processes, virtual machines and laptops stand still; the monotonic clock goes on in
+    some of these, and what is limited in time would be over when it is woken up.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._seen = clock()
+        self._seconds = 0.0
+
+    def __call__(self) -> float:
+        """Return the seconds since this was made, without pauses."""
+        now = self._clock()
+        self._seconds += min(now - self._seen, LONGEST_GAP_S)
+        self._seen = now
+        return self._seconds
 
 
 class Backoff:

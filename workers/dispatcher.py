@@ -11,7 +11,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 
-from workers.backoff import Backoff
+from workers.backoff import Awake, Backoff
 from workers.executor import Executor, ExecutorError, Finished, Ticket
 from workers.heartbeat import Heartbeat
 from workers.job import (
@@ -70,7 +70,8 @@ class Dispatcher:
         self._worker = worker
         self._usage = usage
         self._campaign_id = campaign_id
-        #: When the process of each job that is worked on counts as hung.
+        self._awake = Awake()
+        #: When the process of each job that is worked on counts as hung, by the time that we were awake.
         self._running: dict[Ticket, float] = {}
         self._unreported: dict[Ticket, JobOutcome] = {}
         #: By `job_digest`, of all that is held.
@@ -150,7 +151,7 @@ class Dispatcher:
         self._heartbeat.period_s = answer.heartbeat_s
         for claim in answer.claims:
             ticket = Ticket(claim.job_id, claim.attempt)
-            self._running[ticket] = time.monotonic() + wall_limit_s(claim.job)
+            self._running[ticket] = self._awake() + wall_limit_s(claim.job)
             self._digests[ticket] = job_digest(claim.job)
             self._executor.submit(ticket, claim.job)
 
@@ -170,8 +171,9 @@ class Dispatcher:
 
     def _kill_hung(self) -> None:
         # A solve looks at the clock itself; whoever comes here is stuck where nobody looks.
+        now = self._awake()
         for ticket, end in self._running.items():
-            if time.monotonic() > end and ticket not in self._hung:
+            if now > end and ticket not in self._hung:
                 self._hung.add(ticket)
                 self._executor.cancel(ticket, force=True)
 

@@ -29,6 +29,7 @@ from core.search import (
 )
 from core.tolerances import PAPER, violation
 from core.transcription import TOLERANCE, Transcription
+from workers.backoff import Awake
 from workers.certify import certificate, trajectory
 from workers.job import (
     KIND_NUMBERS,
@@ -253,15 +254,19 @@ class Stopwatch:
 
 
 class _Deadline:
-    """Stops a solve when asked to, or when the wall clock has run far past the processor-time cap."""
+    """Stops a solve when asked to, or when it has run far longer than its cap of processor time.
+
+    Pauses of the process do not count: what ends here is stored as a result of the search.
+    """
 
     def __init__(self, settings: Settings, problem: Problem, stop: Stop) -> None:
         cap = settings.cpu_seconds * (1 + problem.k)
-        self._end = time.monotonic() + WALL_FACTOR * cap + WALL_MARGIN_S
+        self._longest_s = WALL_FACTOR * cap + WALL_MARGIN_S
+        self._awake = Awake()
         self._stop = stop
 
     def __call__(self) -> bool:
-        return self._stop() or time.monotonic() > self._end
+        return self._stop() or self._awake() > self._longest_s
 
 
 def _record(

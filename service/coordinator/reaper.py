@@ -12,9 +12,12 @@ log = logging.getLogger(__name__)
 
 
 class Reaper:
-    """Looks for expired leases every `reap_s`, for the first time when a whole lease has passed.
+    """Looks every `reap_s`, and takes back expired leases for the first time when a whole lease has passed.
 
-    Workers that outlived the coordinator before this one have that long to renew theirs.
+    Workers that outlived the coordinator before this one have that long to renew theirs.  The same holds
+    after time in which no worker could: all leases begin again, and no job fails, when this thread wakes up
+    late, since its machine or its process stood still; when the clock of leases has moved against the
+    monotonic one, since it was set or the machine slept; and when the archive took no writes.
     """
 
     def __init__(
@@ -23,7 +26,11 @@ class Reaper:
         self._store = store
         self._stop = stop
         self._clock = clock
-        self._next = clock() + store.leases.lease_s
+        self._seen = (clock(), store.now())
+        self._next = self._seen[0] + store.leases.reap_s
+        self._first_reap = self._seen[0] + store.leases.lease_s
+        self._n_faults = store.gauges.write_times[2]
+        self._has_failed = False
 
     def run(self) -> None:
         """Reap until told to stop."""
@@ -32,19 +39,46 @@ class Reaper:
 
     def step(self) -> int:
         """Reap if it is time; return how many jobs went back."""
-        if self._clock() < self._next:
+        woken = self._clock()
+        if woken < self._next:
             return 0
-        self._next = self._clock() + self._store.leases.reap_s
+        late_s, self._next = woken - self._next, woken + self._store.leases.reap_s
         try:
-            n_lost = self._store.reap()
+            n_lost = self._reap(woken, late_s)
             self._store.prune()
         except Unavailable as error:
+            self._has_failed = True
             self._store.outage.tell(error)
             return 0
         except Exception:
             # Whatever it is, nobody would take jobs back any more if it ended this thread.
+            self._has_failed = True
             log.exception("reaping failed")
             return 0
         if n_lost:
             log.warning("%d jobs lost their workers and go back", n_lost)
         return n_lost
+
+    def _reap(self, woken: float, late_s: float) -> int:
+        now, n_faults = self._store.now(), self._store.gauges.write_times[2]
+        if reason := self._interruption(woken, now, late_s, n_faults):
+            n_renewed = self._store.renew_leases()
+            if n_renewed:
+                log.warning("leases: %s; %d running jobs get a new one", reason, n_renewed)
+        self._seen, self._n_faults, self._has_failed = (woken, now), n_faults, False
+        # At the time that was looked at: the clock may be set before the archive is asked.
+        return self._store.reap(now) if woken >= self._first_reap else 0
+
+    def _interruption(self, woken: float, now: float, late_s: float, n_faults: int) -> str:
+        """Return what kept workers from renewing their leases since the last look, or nothing."""
+        leases = self._store.leases
+        # What is shorter leaves time for a heartbeat.
+        least_s = (leases.lease_s - leases.heartbeat_s) / 2.0
+        moved_s = (now - self._seen[1]) - (woken - self._seen[0])
+        if late_s > least_s:
+            return f"expected to look after {leases.reap_s:g} s, got {late_s:.0f} s more, as after a pause"
+        if abs(moved_s) > least_s:
+            return f"expected a steady clock, got one that moved by {moved_s:+.0f} s, as after a sleep"
+        if self._has_failed or n_faults != self._n_faults:
+            return "expected an archive that takes writes, got one that did not for a while"
+        return ""

@@ -7,6 +7,7 @@ before, and pages that follow the ids of events rely on ids that become visible 
 from typing import Any
 
 from sqlalchemy import URL, Engine, create_engine, event
+from sqlalchemy.orm import Session
 
 from service.db.errors import DatabaseError
 
@@ -33,6 +34,13 @@ def reader_engine(url: URL) -> Engine:
     """Return the engine of readers, who see one state and cannot write."""
     options = "-c default_transaction_read_only=on"
     return _engine(url, options, isolation_level="REPEATABLE READ")
+
+
+def server_time(session: Session) -> float:
+    """Return what the server's clock says now, in seconds since 1970."""
+    return float(
+        session.connection().exec_driver_sql("SELECT extract(epoch FROM clock_timestamp())").scalar_one()
+    )
 
 
 def _engine(url: URL, options: str, **settings: Any) -> Engine:

@@ -8,6 +8,7 @@ from sqlalchemy.orm import Session
 
 from service.db.dialect import plain
 from service.db.tables import AttemptRow, CampaignRow, CaseRow, JobRow, SearchRow, SolutionRow
+from service.scheduler.leases import LONGEST_BACKOFF_S
 from service.scheduler.sharing import Share, in_turn, mean_cost_s
 from service.store.specs import definition_of, layout_of_problem, search_spec
 from workers.job import Address, ChainPlace, Claim, HopJob, MapJob
@@ -15,7 +16,9 @@ from workers.job import Address, ChainPlace, Claim, HopJob, MapJob
 # Statements are made once: to build one takes longer than to run it.  States stand in them as text, since
 # only then are the indexes of one state used.
 _MINE = JobRow.search_id == SearchRow.id
-_IS_READY = (JobRow.state == literal_column("'queued'")) & (JobRow.not_before <= bindparam("now"))
+# A wait longer than any that a failure leads to was fixed before the clock was set back.
+_IS_DUE = (JobRow.not_before <= bindparam("now")) | (JobRow.not_before - LONGEST_BACKOFF_S > bindparam("now"))
+_IS_READY = (JobRow.state == literal_column("'queued'")) & _IS_DUE
 _RUNNING = select(func.coalesce(func.sum(JobRow.n_hops), 0)).where(_MINE, JobRow.state == "running")
 _SHARES = (
     select(SearchRow, CampaignRow, _RUNNING.scalar_subquery())

@@ -53,7 +53,7 @@ class Gauges:
         """Return all gauges."""
         with self._database.read() as session:
             now = self._clock()
-            n_workers, n_slots = _workers(session, now - self._lease_s)
+            n_workers, n_slots = _workers(session, now, self._lease_s)
             jobs = summed(job_states(session, true()).values())
             attempts, solves = totals(session, "attempt"), totals(session, "solve")
             return Reading(
@@ -73,16 +73,18 @@ class Gauges:
     def n_workers(self) -> int:
         """Return how many dispatchers were seen within the time of a lease."""
         with self._database.read() as session:
-            return _workers(session, self._clock() - self._lease_s)[0]
+            return _workers(session, self._clock(), self._lease_s)[0]
 
 
 def _by(column: Any) -> Any:
     return select(column, func.count()).group_by(column)
 
 
-def _workers(session: Session, since: float) -> tuple[int, int]:
+def _workers(session: Session, now: float, lease_s: float) -> tuple[int, int]:
+    """Return how many workers are there, and their slots; none can have been seen in the future."""
     query = select(func.count(), func.coalesce(func.sum(WorkerRow.slots), 0))
-    n_workers, n_slots = session.execute(query.where(WorkerRow.seen_at > since)).one()
+    is_here = WorkerRow.seen_at.between(now - lease_s, now + lease_s)
+    n_workers, n_slots = session.execute(query.where(is_here)).one()
     return n_workers, int(n_slots)
 
 

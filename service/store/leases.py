@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 
-from sqlalchemy import ColumnElement, select, tuple_, update
+from sqlalchemy import ColumnElement, literal_column, select, tuple_, update
 from sqlalchemy.orm import Session
 
 from service.db.tables import AttemptRow, CampaignRow, JobRow, SearchRow, WorkerRow
@@ -13,6 +13,8 @@ from service.store.tallies import Counts
 from workers.executor import Ticket
 from workers.job import Ending, HeartbeatAnswer, HeldJob
 
+#: As text, since only then is the index of this state used.
+_IS_RUNNING = JobRow.state == literal_column("'running'")
 #: Jobs that one transaction takes back, so that others are not kept waiting.
 REAP_AT_ONCE = 500
 
@@ -70,11 +72,19 @@ def _messages(tickets: Iterable[Ticket]) -> tuple[HeldJob, ...]:
     return tuple(HeldJob(job_id=ticket.job_id, attempt=ticket.attempt) for ticket in tickets)
 
 
-def reap(session: Session, now: float) -> int:
-    """Take back the jobs whose leases ran out, a failure of theirs; return how many."""
+def reap(session: Session, now: float, lease_s: float) -> int:
+    """Take back the jobs whose leases ran out, a failure of theirs; return how many.
+
+    A lease that ends later than any can was given before the clock was set back, and begins again.
+    """
+    session.execute(
+        update(JobRow)
+        .where(_IS_RUNNING, JobRow.lease_until > now + 2.0 * lease_s)
+        .values(lease_until=now + lease_s)
+    )
     expired = (
         select(JobRow)
-        .where(JobRow.state == "running", JobRow.lease_until < now)
+        .where(_IS_RUNNING, JobRow.lease_until < now)
         .order_by(JobRow.id)
         .limit(REAP_AT_ONCE)
         .with_for_update(skip_locked=True)
@@ -85,6 +95,12 @@ def reap(session: Session, now: float) -> int:
         end_attempt(job, Ending.LOST, now)
     _go_on(session, jobs, now)
     return len(jobs)
+
+
+def renew(session: Session, now: float, lease_s: float) -> int:
+    """Give every job that runs a whole lease, as if all workers had just been heard; return how many."""
+    renewed = update(JobRow).where(_IS_RUNNING).values(lease_until=now + lease_s).returning(JobRow.id)
+    return len(session.execute(renewed).all())
 
 
 def recover(session: Session, workers: str, now: float) -> int:

@@ -58,7 +58,8 @@ def get_campaign(session: Session, campaign_id: int, now: float) -> CampaignView
         searches=searches,
         rate_per_min=rate,
         eta_seconds=eta_seconds(campaign, numbers, planned, rate),
-        elapsed_seconds=(campaign.finished_at or now) - campaign.created_at,
+        # A clock that was set back has nothing to tell.
+        elapsed_seconds=max(0.0, (campaign.finished_at or now) - campaign.created_at),
         cpu_seconds=sum(search.cpu_seconds for search in searches),
     )
 

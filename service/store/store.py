@@ -17,6 +17,7 @@ from service.api.problem_schemas import ProblemFamily
 from service.api.solution_schemas import ChoicesView, ClusterPage, PointsView, RecordInFull
 from service.db.engine import Database
 from service.db.place import place_of
+from service.db.postgres import server_time
 from service.portable.container import Entry
 from service.portable.reading import ReadFile
 from service.scheduler.leases import LeaseSettings
@@ -82,17 +83,21 @@ class Store:
         folder: Path,
         *,
         read_only: bool = False,
-        clock: Callable[[], float] = time.time,
+        clock: Callable[[], float] | None = None,
         leases: LeaseSettings = LeaseSettings(),  # noqa: B008
     ) -> None:
         self.folder = folder
         self.leases = leases
-        self._clock = clock
-        self._database = Database(place_of(folder), read_only=read_only)
+        place = place_of(folder)
+        self._database = Database(place, read_only=read_only)
+        self._clock = clock or time.time
+        # Several coordinators on one database must mean the same by a moment, whatever their machines say.
+        self._is_clock_shared = clock is None and not isinstance(place, Path)
+        self._ahead_s = 0.0
         #: What operators watch.
-        self.gauges = Gauges(self._database, clock, leases.lease_s)
+        self.gauges = Gauges(self._database, self._about_now, leases.lease_s)
         #: Searches hop by hop, attempts and the queue.
-        self.activity = Activity(self._database, clock, leases)
+        self.activity = Activity(self._database, self._about_now, leases)
         #: What independent flights certify.
         self.certificates = Certificates(self._database)
         self._chronicles = Chronicles(self._database)
@@ -118,7 +123,7 @@ class Store:
 
     def submit(self, spec: Spec, key: str | None = None) -> tuple[int, bool]:
         """Return the campaign of a specification, and whether it is new; a key makes a repetition known."""
-        return self._database.write(lambda session: submission.submit(session, spec, self._clock(), key))
+        return self._database.write(lambda session: submission.submit(session, spec, self._now(session), key))
 
     def add_problem(self, problem: Problem) -> bool:
         """Store a problem, so that its hash stands for it; return whether it is new."""
@@ -126,7 +131,7 @@ class Store:
 
     def register(self, worker: WorkerInfo) -> None:
         """Store what a worker says about itself; one that would compute something else is refused."""
-        self._database.write(lambda session: workers.register(session, worker, self._clock()))
+        self._database.write(lambda session: workers.register(session, worker, self._now(session)))
 
     def claim(
         self, worker: WorkerInfo | str, n_jobs: int, campaign: int | None = None, by: str | None = None
@@ -138,8 +143,8 @@ class Store:
         lease_s = self.leases.lease_s
 
         def work(session: Session) -> list[Claim]:
-            name = _registered(session, worker, self._clock())
-            return claims.claim(session, name, n_jobs, campaign, self._clock(), lease_s, by)
+            name = _registered(session, worker, self._now(session))
+            return claims.claim(session, name, n_jobs, campaign, self._now(session), lease_s, by)
 
         return self._database.write(work)
 
@@ -150,8 +155,8 @@ class Store:
         lease_s = self.leases.lease_s
 
         def work(session: Session) -> HeartbeatAnswer:
-            name = _registered(session, worker, self._clock())
-            return leases.heartbeat(session, name, held, self._clock(), lease_s, by)
+            name = _registered(session, worker, self._now(session))
+            return leases.heartbeat(session, name, held, self._now(session), lease_s, by)
 
         return self._database.write(work)
 
@@ -174,34 +179,51 @@ class Store:
         self, reports: Sequence[dispatch.Report | tuple[Ticket, JobOutcome]], by: str | None = None
     ) -> list[CompleteAnswer]:
         """Take back outcomes in one transaction; a stale one among them raises, and none is stored."""
-        return self._database.write(lambda session: dispatch.complete(session, reports, self._clock(), by))
+        return self._database.write(
+            lambda session: dispatch.complete(session, reports, self._now(session), by)
+        )
 
-    def reap(self) -> int:
-        """Take back the jobs whose leases ran out; return how many."""
-        return self._database.write(lambda session: leases.reap(session, self._clock()))
+    def now(self) -> float:
+        """Return the time by which leases end: that of a database which several coordinators may share."""
+        with self._database.read() as session:
+            now = self._now(session)
+        self._ahead_s = now - self._clock()
+        return now
+
+    def reap(self, now: float | None = None) -> int:
+        """Take back the jobs whose leases had run out at a time; return how many."""
+        lease_s = self.leases.lease_s
+        return self._database.write(
+            lambda session: leases.reap(session, self._now(session) if now is None else now, lease_s)
+        )
+
+    def renew_leases(self) -> int:
+        """Give every job that runs a whole lease; return how many."""
+        lease_s = self.leases.lease_s
+        return self._database.write(lambda session: leases.renew(session, self._now(session), lease_s))
 
     def prune(self) -> int:
         """Forget the oldest of the audit and of the events, some at a time; return how many rows."""
-        return self._database.write(lambda session: pruning.prune(session, self._clock()))
+        return self._database.write(lambda session: pruning.prune(session, self._now(session)))
 
     def recover(self, workers: str = "") -> int:
         """Put back the jobs of workers that are gone, by the beginning of their names; return how many."""
-        return self._database.write(lambda session: leases.recover(session, workers, self._clock()))
+        return self._database.write(lambda session: leases.recover(session, workers, self._now(session)))
 
     def revive(self, campaign_id: int) -> int:
         """Put back the jobs of a campaign that were given up; return how many."""
-        return self._database.write(lambda session: control.revive(session, campaign_id, self._clock()))
+        return self._database.write(lambda session: control.revive(session, campaign_id, self._now(session)))
 
     def control_campaign(self, campaign_id: int, verb: Verb) -> None:
         """Pause, resume or cancel a campaign."""
         self._database.write(
-            lambda session: control.control_campaign(session, campaign_id, verb, self._clock())
+            lambda session: control.control_campaign(session, campaign_id, verb, self._now(session))
         )
 
     def control_search(self, campaign_id: int, search: str, verb: Verb) -> None:
         """Pause, resume or cancel a search."""
         self._database.write(
-            lambda session: control.control_search(session, campaign_id, search, verb, self._clock())
+            lambda session: control.control_search(session, campaign_id, search, verb, self._now(session))
         )
 
     def set_campaign(self, campaign_id: int, *, priority: int) -> None:
@@ -218,15 +240,17 @@ class Store:
 
     def cancel_job(self, job_id: int) -> None:
         """Cancel a job that is queued, or have one stopped that runs."""
-        self._database.write(lambda session: control.cancel_job(session, job_id, self._clock()))
+        self._database.write(lambda session: control.cancel_job(session, job_id, self._now(session)))
 
     def requeue_job(self, job_id: int) -> None:
         """Give a dead or cancelled job another attempt."""
-        self._database.write(lambda session: control.requeue_job(session, job_id, self._clock()))
+        self._database.write(lambda session: control.requeue_job(session, job_id, self._now(session)))
 
     def take_in(self, read: ReadFile) -> TakenIn:
         """Store the campaigns of a portable file that are not there yet, in one transaction."""
-        return self._database.write(lambda session: portable_import.take_in(session, read, self._clock()))
+        return self._database.write(
+            lambda session: portable_import.take_in(session, read, self._now(session))
+        )
 
     # What reads it.
 
@@ -247,7 +271,7 @@ class Store:
 
     def campaign_cards(self) -> list[CampaignCard]:
         """Return the campaigns with how far they are and what they have found, the newest first."""
-        now = self._clock()
+        now = self._about_now()
         return self._chronicles.ask(lambda session, known: cards.campaign_cards(session, known, now))
 
     def campaign_history(self, campaign_id: int) -> HistoryView:
@@ -264,7 +288,7 @@ class Store:
     def campaign(self, campaign_id: int) -> schemas.CampaignView:
         """Return a campaign with its searches."""
         with self._database.read() as session:
-            return progress.get_campaign(session, campaign_id, self._clock())
+            return progress.get_campaign(session, campaign_id, self._now(session))
 
     def campaign_state(self, campaign_id: int) -> str:
         """Return the state of a campaign alone."""
@@ -411,7 +435,7 @@ class Store:
     def workers(self) -> schemas.WorkerPage:
         """Return the workers that have registered, with the jobs that they hold."""
         with self._database.read() as session:
-            return workers.list_workers(session, self._clock(), self.leases.lease_s)
+            return workers.list_workers(session, self._now(session), self.leases.lease_s)
 
     def events(self, after: int, campaign: int | None = None, limit: int = 200) -> list[schemas.EventView]:
         """Return the events that follow an id."""
@@ -426,6 +450,13 @@ class Store:
     def check(self) -> None:
         """Raise unless the archive takes a write and is of this version."""
         self._database.write(require_writable)
+
+    def _now(self, session: Session) -> float:
+        return server_time(session) if self._is_clock_shared else self._clock()
+
+    def _about_now(self) -> float:
+        """Return the same without a question, as good as it was when it was last asked for."""
+        return self._clock() + (self._ahead_s if self._is_clock_shared else 0.0)
 
     @property
     def identities(self) -> Identities:

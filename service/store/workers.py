@@ -58,7 +58,7 @@ def list_workers(session: Session, now: float, alive_s: float, limit: int = 200)
         held[fields.pop("worker")].append(fields)
     items = [
         {column: getattr(row, column) for column in SHOWN}
-        | {"is_alive": row.seen_at > now - alive_s, "held": held[row.name]}
+        | {"is_alive": abs(row.seen_at - now) < alive_s, "held": held[row.name]}
         for row in workers.values()
     ]
     return WorkerPage.model_validate({"items": items})

@@ -7,8 +7,10 @@ import pytest
 
 from core.nlp import ExitStatus, Outcome
 from core.search import ChainState, HopSettings
+from tests.service.clock import Clock
 from tests.workers.jobs import hop_job
 from workers import run
+from workers.backoff import Awake
 from workers.job import Address, Ending, HopLaws, MapJob, Settings
 
 GOOD, WEAK, BAD = 1e-3, 0.5, 1e4  # position defects [km]: strict, paper, neither
@@ -206,3 +208,20 @@ def test_a_number_that_no_chain_takes_is_no_law_of_a_job(wrong):
         HopLaws(hop_law="pareto", **wrong)
     with pytest.raises(ValueError, match=next(iter(wrong))):
         HopSettings(hop_law="pareto", **wrong)
+
+
+def test_a_solve_whose_process_is_stopped_for_hours_is_not_at_its_deadline_when_it_wakes(monkeypatch):
+    clock = Clock(0.0)
+    monkeypatch.setattr(run, "Awake", lambda: Awake(clock))
+    deadline = run._Deadline(Settings(cpu_seconds=5.0), SimpleNamespace(k=0), lambda: False)
+    for _ in range(3):
+        clock.advance(3 * 3600.0)
+        assert not deadline()
+    # 4 times its cap and 60 s, of which each pause took 10 s.
+    clock.advance(9.0)
+    assert not deadline()
+    is_over = []
+    for _ in range(50):
+        clock.advance(1.0)
+        is_over.append(deadline())
+    assert is_over.index(True) == 41

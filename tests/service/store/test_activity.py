@@ -128,7 +128,7 @@ def test_a_search_that_is_not_there_is_told(store, client):
 @BOTH
 def test_attempts_of_a_window_are_those_that_ran_in_it(store):
     clock = Clock(now=1000.0)
-    store._clock = clock
+    store._clock, store._is_clock_shared = clock, False
     activity = store.activity = Activity(store._database, clock, store.leases)
     submitted(store)
     for begin, end in ((1000.0, 1060.0), (1100.0, 1200.0), (1150.0, None)):

@@ -1,10 +1,14 @@
 """The store's contract on PostgreSQL: the tests of the SQLite archive again, each in a new database."""
 
+import time
+
 import pytest
 
 from service.store import Store
+from tests.service.campaigns import submitted
 from tests.service.databases import needs_postgres, rows
 from tests.service.store import test_seeds_elsewhere, test_store
+from tests.workers.jobs import worker_info
 
 pytestmark = [pytest.mark.postgres, needs_postgres, pytest.mark.usefixtures("archives_on_postgres")]
 
@@ -36,3 +40,17 @@ def store(monkeypatch, tmp_path, archives_on_postgres):
     monkeypatch.setattr(test_store, "rows", rows)
     with Store(tmp_path) as opened:
         yield opened
+
+
+def test_coordinators_whose_clocks_differ_take_no_job_from_each_other(store, tmp_path, monkeypatch):
+    submitted(store)
+    assert len(store.claim("a", 2)) == 2
+    for ahead_s in (3600.0, -3600.0):
+        with Store(tmp_path) as other, monkeypatch.context() as patch:
+            patch.setattr(other, "_clock", lambda: time.time() + ahead_s)  # noqa: B023 - asked at once
+            assert other.reap(other.now()) == 0 and other.claim("b", 1) != []
+            other.register(worker_info("b"))
+            assert abs(other.now() - store.now()) < 60.0  # the time that the questions take
+            assert other.gauges.n_workers() == 1 == len([w for w in other.workers().items if w.is_alive])
+    leases = rows(store, "SELECT max(lease_until) - min(lease_until) FROM job WHERE state = 'running'")
+    assert leases[0][0] < 60.0 and store.reap() == 0
