@@ -186,14 +186,14 @@ def _bounds(transcription: Transcription, z: Array) -> tuple[Array, Array]:
         bound[: transcription.n_variables] = side / transcription.scale
     form = transcription.lifted
     _, values = transcription.evaluate(form, z, with_partials=True)
-    effect = np.bincount(form.columns, np.abs(values), len(z))
+    effect, idle = np.bincount(form.columns, np.abs(values), len(z)), transcription.idle_coasts
     for trajectory in transcription.layout.trajectories:
         for angle in (1, 2):
             places = slice(trajectory.controls.start + angle, trajectory.controls.stop, 3)
             lower[places], upper[places] = -1e19, 1e19
         # Coasting on a ballistic target changes nothing, and the barrier would only centre it.
         coast = trajectory.final_coast
-        if effect[coast] < _DEAD:
+        if coast in idle or effect[coast] < _DEAD:
             lower[coast] = upper[coast] = np.clip(z[coast], lower[coast], upper[coast])
     return lower, upper
 

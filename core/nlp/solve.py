@@ -85,6 +85,9 @@ def _taken_apart(
 ) -> Robust:
     lower, upper = transcription.bounds
     x = np.clip(checked_vector(transcription.layout, guess), lower, upper)
+    # They change no path, but every judge would integrate them, and the matchpoint magnifies its errors.
+    idle = transcription.idle_coasts
+    x[idle] = lower[idle]
     ends = [trajectory.stop for trajectory in transcription.layout.trajectories]
     reference, *realizations = np.split(x, ends[:-1])
     states = guess.states if isinstance(guess, Guess) else None

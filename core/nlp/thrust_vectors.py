@@ -56,8 +56,9 @@ class ThrustVectors:
         #: (n_defects,) rows of the defects that what may move acts on.
         self.rows: Indices = np.flatnonzero(touched)
         self.n_defects = len(self.rows)
-        #: Places of the times that may move, and how far [TU].
+        #: Places of the times that may move, the shooting times among them, and how far they may [TU].
         self.free_times: Indices = self.times[free[self.times]]
+        self.shooting: Mask = np.isin(self.free_times, [t.shooting_time for t in trajectories])
         lower, upper = (side / transcription.scale for side in transcription.bounds)
         self.earliest, self.latest = lower[self.free_times] + _MARGIN, upper[self.free_times] - _MARGIN
         #: Bounds of the throttles [-].
@@ -80,7 +81,8 @@ class ThrustVectors:
     def lengthened(self, start: Array) -> Array:
         """Return a start with shooting times halfway to their latest, flown afresh with its controls."""
         z = start.copy()
-        z[self.free_times[::3]] += 0.5 * (self.latest - z[self.free_times])[::3]
+        places = self.free_times[self.shooting]
+        z[places] += 0.5 * (self.latest[self.shooting] - z[places])
         for index in np.flatnonzero(self.is_free):
             self._balance_mass(z, int(index))
         self.transcription.fill_nodes(self.transcription.vectors, z)
@@ -121,6 +123,7 @@ class ThrustVectors:
             free[trajectory.offset : trajectory.stop] = self.is_free[index]
         for (index, _), place in structure.nodes.items():
             free[place : place + STATE] = self.is_free[index]
+        free[self.transcription.idle_coasts] = False
         return free
 
     def _balance_mass(self, z: Array, index: int) -> None:

@@ -137,6 +137,14 @@ def _table_of(orbit: ChebyshevOrbit, departure_et: float) -> EphemerisTable:
     return EphemerisTable(first, orbit.record_s / TU_S, orbit.coefficients / LU_KM)
 
 
+def is_target_ballistic(problem: Problem) -> bool:
+    """Return whether coasting keeps a spacecraft on the target, in our own model of forces.
+
+    The generated NRHO is made so.  Of the orbit of another kernel nothing is known.
+    """
+    return isinstance(problem.target, NrhoTarget)
+
+
 def window_days(problem: Problem) -> tuple[float, float]:
     """Return the span over which a problem needs its target [days past departure]."""
     latest = problem.latest_arrival_days - (getattr(problem.departure, "duration_days", None) or 0.0)

@@ -16,7 +16,7 @@ from core.constants import RADIUS_EARTH_KM, RADIUS_MOON_KM
 from core.dynamics import ForceModel, force_model
 from core.ephemeris import EphemerisTable, body_table
 from core.orbits.spiral import departure_state
-from core.orbits.target import target_table, window_days
+from core.orbits.target import is_target_ballistic, target_table, window_days
 from core.problem import Problem
 from core.transcription.builder import build_plan
 from core.transcription.curvature import curvature
@@ -107,6 +107,12 @@ class Transcription:
     def start_mass_kg(self) -> float:
         """Mass m(t0) [kg]."""
         return float(self.setting.departure[6] * MU_KG)
+
+    @property
+    def idle_coasts(self) -> list[int]:
+        """Indices in x of the final coasts that change nothing: those on a target that is ballistic."""
+        is_idle = is_target_ballistic(self.problem)
+        return [trajectory.final_coast for trajectory in self.layout.trajectories if is_idle]
 
     def defects(self, x: Array) -> Array:
         """Return forward minus backward states at the matchpoints.

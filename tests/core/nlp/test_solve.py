@@ -9,6 +9,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 from core.analysis.stationarity import stationarity
 from core.analysis.verify import verify
 from core.nlp import ExitStatus, SolveSettings, solve
+from core.orbits.target import NRHO_ID, target_kernel
 from core.problem import problem_from
 from core.search import sample_guess
 from core.tolerances import violation
@@ -30,6 +31,10 @@ def flown():
 @pytest.fixture(scope="module")
 def solved(flown):
     return solve(flown, near(flown, 1))
+
+
+def with_final_coast(least):
+    return problem_from({"preset": "ppe-drm3", "bounds": {"final_coast_days": [least, 30.0]}})
 
 
 def drawn(flown, rng_seed, law="uniform"):
@@ -180,12 +185,37 @@ def test_states_that_are_missing_are_propagated(flown):
 
 @pytest.mark.parametrize("guess", [optimum, lambda: near(transcribe(PRESET), 1)])
 def test_a_path_through_a_body_is_refused_by_name(monkeypatch, flown, guess):
-    # The path passes within two radii of a body, though not through one.
-    monkeypatch.setattr("core.transcription.transcription.CLEARANCE", 2.0)
+    # The path passes within 4.5 radii of a body, though not through one.
+    monkeypatch.setattr("core.transcription.transcription.CLEARANCE", 4.5)
     outcome = solve(flown, guess(), SolveSettings(max_iterations=150))
     assert outcome.status is ExitStatus.IMPACT and not outcome.is_feasible
     monkeypatch.undo()
     assert solve(flown, guess(), SolveSettings(max_iterations=150)).is_feasible
+
+
+@pytest.mark.parametrize("least", [0.0, 5.0])
+def test_no_solution_coasts_longer_on_a_ballistic_target_than_its_bounds_ask_for(least):
+    asked = with_final_coast(least)
+    found = solve(transcribe(asked), optimum(), SolveSettings(max_iterations=60))
+    assert optimum()[2] > 15.0 and found.x[2] == least
+    assert found.is_feasible and verify(asked, found.x).strict
+
+
+def test_on_the_orbit_of_another_kernel_the_final_coast_is_a_variable_as_any_other(tmp_path):
+    kernel = tmp_path / "other.bsp"
+    kernel.write_bytes(target_kernel(PRESET)[0].read_bytes())
+    target = {"kind": "spk", "path": str(kernel), "naif_id": NRHO_ID}
+    asked = problem_from({"preset": "ppe-drm3", "target": target})
+    found = solve(transcribe(asked), optimum(), SolveSettings(max_iterations=60))
+    assert found.is_feasible and found.x[2] > 14.0
+
+
+def test_the_insertion_stays_where_it_was_without_the_final_coast(flown):
+    kept, without = flown.at_tolerance(1e-12), optimum()
+    without[2] = 0.0
+    difference = (kept.defects(without) - kept.defects(optimum())).reshape(-1, 7)
+    # The fit of the orbit, 1e-4 km and 1e-8 km/s, magnified by the 40 days to the matchpoint.
+    assert 0.0 < violation(difference) < 1.0
 
 
 @pytest.mark.parametrize("size", [3, 153, 155])
