@@ -17,6 +17,11 @@ GM_JUPITER = 126712764.1
 RADIUS_EARTH_KM = 6378.137
 RADIUS_MOON_KM = 1737.4
 
+#: Lowest passages [km] that a solution may have unless somebody asks for others: above the air, and above the
+#: mountains and what a flight is off by.
+LOWEST_OVER_EARTH_KM = 200.0
+LOWEST_OVER_MOON_KM = 100.0
+
 #: Standard gravity of the paper [m/s^2]; 9.80665 would be another problem.
 G0 = 9.806
 

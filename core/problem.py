@@ -225,7 +225,7 @@ Interval = tuple[float, float]
 
 
 class Bounds(_Strict):
-    """The box of the decision vector, which is also the box that guesses are drawn from."""
+    """The box of the decision vector, in which guesses are drawn; the dry mass bounds solutions further."""
 
     #: Time T_s under the control of segments [days]; a realization at n gets the share (N-n)/N.
     shooting_days: Interval = (1e-3, 90.0)
@@ -233,7 +233,7 @@ class Bounds(_Strict):
     initial_coast_days: Interval = (0.0, 30.0)
     final_coast_days: Interval = (0.0, 30.0)
     throttle: Interval = (0.0, 1.0)
-    #: Least final mass [kg].
+    #: Least final mass [kg]; no solution has less than the dry mass either.
     min_final_mass_kg: Positive = 1.0
 
     @model_validator(mode="after")
@@ -328,6 +328,11 @@ class Problem(_Strict):
         return len(self.outages)
 
     @property
+    def least_final_mass_kg(self) -> float:
+        """Least mass with which any trajectory may arrive: it has to carry what is no propellant [kg]."""
+        return max(self.spacecraft.dry_mass_kg, self.bounds.min_final_mass_kg)
+
+    @property
     def latest_arrival_days(self) -> float:
         """Latest arrival under any outages, counted from the departure epoch [days].
 
@@ -359,6 +364,21 @@ class Problem(_Strict):
 
     def _target_digest(self) -> str:
         return (self.target.digest or "") if isinstance(self.target, SpkTarget) else ""
+
+
+def require_departure_mass(problem: Problem, mass_kg: float) -> None:
+    """Raise ProblemError unless a departure with a mass [kg] leaves propellant to burn.
+
+    No check of the fields themselves: problems that were accepted before it are still read.
+    """
+    least = problem.least_final_mass_kg
+    if not mass_kg > least:
+        is_dry = least == problem.spacecraft.dry_mass_kg
+        name = "spacecraft.dry_mass_kg" if is_dry else "bounds.min_final_mass_kg"
+        raise ProblemError(
+            f"departure: expected a mass above {name} = {least:g} kg, got {mass_kg:g} kg; "
+            f"correct one of them: no propellant would be left to burn"
+        )
 
 
 def content_hash(content: Any) -> str:

@@ -13,7 +13,7 @@ from pydantic import Field
 from workers.job import Message
 
 #: Grows with every change of what a certificate says.
-CERTIFICATE_VERSION = 1
+CERTIFICATE_VERSION = 2
 
 Pair = tuple[float | None, float | None]
 
@@ -112,8 +112,8 @@ class CertifiedThird(Message):
     trajectories: tuple[CertifiedThirdTrajectory, ...]
 
 
-def _is_absent(third: CertifiedThird | None) -> bool:
-    return third is None
+def _is_absent(value: object) -> bool:
+    return value is None
 
 
 class CertificateContent(Message):
@@ -125,11 +125,15 @@ class CertificateContent(Message):
     k: int
     #: The tolerance that the defects hold, by the independent flight.
     level: Literal["strict", "paper", "none"]
-    #: Whether they hold one and no passage is below the lowest altitude allowed.
+    #: Whether they hold one, no passage is below the lowest altitude allowed and no mass below the dry mass.
     is_sound: bool
-    #: Lowest passage of the Earth or the Moon that is not marked.
+    #: Lowest passage that is not marked, of any body; and of each, where they differ.
     min_altitude_km: float
-    #: Passages below that, in words; and why a half could not be flown.
+    min_altitudes_km: Annotated[dict[str, float] | None, Field(exclude_if=_is_absent)] = None
+    #: Whether the level differs with the integrator's tolerance, the lower one being stated; left out by
+    #: certificates made before that was asked.
+    is_marginal: Annotated[bool | None, Field(exclude_if=_is_absent)] = None
+    #: What is not sound but the level, in words; and why a half could not be flown.
     marks: tuple[str, ...]
     failure: str
     trajectories: tuple[CertifiedTrajectory, ...]

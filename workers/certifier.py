@@ -5,6 +5,7 @@ Here alone the numbers of `core.analysis.certificate` meet a clock and the versi
 
 import platform
 import time
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from core import constants
 from core.analysis.approaches import Approach
-from core.analysis.certificate import Certification, FlownAgain, certify
+from core.analysis.certificate import Certification, FlownAgain, certify, lowest_passages
 from core.analysis.reflight import ATOL
 from core.analysis.through import apart
 from core.export import trajectory_name
@@ -38,20 +39,21 @@ from workers.provenance import provenance
 CONSTANTS = ("GM_EARTH", "GM_MOON", "GM_SUN", "GM_JUPITER", "RADIUS_EARTH_KM", "RADIUS_MOON_KM", "G0")
 
 
-def basis(min_altitude_km: float, with_heyoka: bool = False) -> str:
+def basis(min_altitude_km: float | None, with_heyoka: bool = False) -> str:
     """Return the identity of all that a certificate depends on beside its solution.
 
     Two certificates of one solution on one basis have the same content.
     """
     third = {"heyoka": version("heyoka")} if with_heyoka else {}
-    return content_hash({"min_altitude_km": min_altitude_km, **third, **_made_with()})
+    limits = dict(lowest_passages(min_altitude_km))
+    return content_hash({"min_altitudes_km": limits, **third, **_made_with()})
 
 
 def certificate_of(
     solution_id: str,
     problem: Problem,
     x: NDArray[np.float64],
-    min_altitude_km: float = 0.0,
+    min_altitude_km: float | None = None,
     with_heyoka: bool = False,
 ) -> CertificateDocument:
     """Fly a solution again and return its certificate."""
@@ -76,13 +78,9 @@ def _content(solution_id: str, problem: Problem, found: Certification) -> Certif
         k=problem.k,
         level=found.level,
         is_sound=found.is_sound,
-        min_altitude_km=found.min_altitude_km,
-        marks=tuple(
-            f"{trajectory_name(mark.trajectory)} passes the {mark.approach.body} at "
-            f"{mark.approach.altitude_km:.3f} km on {calendar_epoch(mark.approach.et)} TDB, below "
-            f"{found.min_altitude_km:g} km"
-            for mark in found.marks
-        ),
+        **_limits(found),
+        is_marginal=flight.is_marginal,
+        marks=tuple(_marks(found)),
         failure=flight.failure,
         trajectories=tuple(_trajectory(found, index) for index in range(len(found.trajectories))),
         integrator=CertifiedIntegrator(
@@ -95,6 +93,24 @@ def _content(solution_id: str, problem: Problem, found: Certification) -> Certif
         third=_third(found),
         **_made_with(),
     )
+
+
+def _limits(found: Certification) -> dict[str, Any]:
+    lowest = min(found.min_altitudes_km.values())
+    differ = any(limit != lowest for limit in found.min_altitudes_km.values())
+    by_body = {"min_altitudes_km": dict(found.min_altitudes_km)} if differ else {}
+    return {"min_altitude_km": lowest} | by_body
+
+
+def _marks(found: Certification) -> Iterator[str]:
+    for mark in found.marks:
+        name, passage = trajectory_name(mark.trajectory), mark.approach
+        epoch = calendar_epoch(passage.et)
+        place = f"the {passage.body} at {passage.altitude_km:.3f} km on {epoch} TDB"
+        yield f"{name} passes {place}, below {mark.limit_km:g} km"
+    for lack in found.lacks:
+        name = trajectory_name(lack.trajectory)
+        yield f"{name} arrives with {lack.mass_kg:.3f} kg, below the {lack.least_kg:g} kg that it has to keep"
 
 
 def _made_with() -> dict[str, Any]:

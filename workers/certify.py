@@ -1,10 +1,12 @@
 """From a verified decision vector to what the archive stores about it."""
 
+import itertools
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from core.analysis.approaches import Approach
 from core.analysis.metrics import total_delta_v_km_s, transfer_delta_v_km_s
 from core.analysis.verify import Verification
 from core.constants import SECONDS_PER_DAY
@@ -34,7 +36,26 @@ def _details(verification: Verification) -> dict[str, Any]:
         "arrival_epochs": [calendar_epoch(float(et)) for et in verification.arrival_et],
         "kernels": dict(verification.kernels),
         "n_evaluations": int(verification.n_evaluations),
+        "is_marginal": bool(verification.is_marginal),
+        "closest": [[_passage(one) for one in flown] for flown in verification.closest],
+        "lowest_km": _lowest(verification),
     }
+
+
+def _passage(approach: Approach) -> dict[str, Any]:
+    return {
+        "body": approach.body,
+        "altitude_km": approach.altitude_km,
+        "epoch": calendar_epoch(approach.et),
+    }
+
+
+def _lowest(verification: Verification) -> dict[str, float]:
+    """Return the lowest altitude over each body that any trajectory comes to [km]."""
+    lowest: dict[str, float] = {}
+    for approach in itertools.chain.from_iterable(verification.closest):
+        lowest[approach.body] = min(approach.altitude_km, lowest.get(approach.body, approach.altitude_km))
+    return lowest
 
 
 def trajectory(problem: Problem, x: NDArray[np.float64], verification: Verification) -> Trajectory:

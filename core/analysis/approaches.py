@@ -5,7 +5,6 @@ the integrator's own interpolant, so a passage between two steps is not missed. 
 departure epoch.
 """
 
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -16,8 +15,6 @@ from core.constants import RADIUS_EARTH_KM, RADIUS_MOON_KM, SECONDS_PER_DAY
 
 #: Name and radius [km] of the bodies that are watched, by NAIF id.
 WATCHED = {EARTH: ("Earth", RADIUS_EARTH_KM), MOON: ("Moon", RADIUS_MOON_KM)}
-#: A step is searched in so many parts: it spans less than a tenth of a revolution, so each turns once.
-PARTS = 4
 #: What the time of a root may be off by [s].
 TIME_TOLERANCE_S = 1e-6
 
@@ -45,19 +42,16 @@ class Closest:
 
     def __call__(self, solver: "scipy.integrate.DOP853") -> None:
         """Look at the step that an integrator has just made."""
-        path = solver.dense_output()
-        start, stop = sorted((float(solver.t_old), float(solver.t)))
-        times = [float(time) for time in np.linspace(start, stop, PARTS + 1)]
-        # The interpolant at all times at once: asked one by one it would take half of a certificate's time.
-        states: Array = path(np.array(times)).T
+        ends = ((float(solver.t_old), solver.y_old), (float(solver.t), solver.y))
+        (start, first), (stop, last) = sorted(ends, key=lambda end: end[0])
         for body in WATCHED:
-            relative = [self._seen_from(body, *pair) for pair in zip(times, states, strict=True)]
-            rates = [_range_rate(state) for state in relative]
-            self._keep(body, start, relative[0], is_turn=False)
-            self._keep(body, stop, relative[-1], is_turn=False)
-            for (before, after), (low, high) in zip(pairwise(times), pairwise(rates), strict=True):
-                if low < 0.0 <= high:
-                    self._keep_turn(path, body, before, after)
+            before, after = self._seen_from(body, start, first), self._seen_from(body, stop, last)
+            self._keep(body, start, before, is_turn=False)
+            self._keep(body, stop, after, is_turn=False)
+            # A step spans less than a tenth of a revolution, in which the distance has one minimum at most.
+            # The interpolant costs a quarter of a step, so it is made for those that have one.
+            if _range_rate(before) < 0.0 <= _range_rate(after):
+                self._keep_turn(solver.dense_output(), body, start, stop)
 
     @property
     def approaches(self) -> tuple[Approach, ...]:

@@ -5,16 +5,23 @@ numbers, the same for the same solution on the same machine; who asked, when, an
 added by those who store it.
 """
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from core.analysis.approaches import Approach, Closest
-from core.analysis.halves import Plan, departure_of, fly_all, pilot_of, plans_of
+from core.analysis.halves import Plan, departure_of, pilot_of, plans_of
 from core.analysis.reflight import Array, Pilot
 from core.analysis.through import Third, Through, fly_through
-from core.analysis.verify import Verification, loaded_target, weighed
+from core.analysis.verify import Verification, judged, loaded_target
+from core.constants import LOWEST_OVER_EARTH_KM, LOWEST_OVER_MOON_KM
 from core.ephemeris.kernels import one_at_a_time
 from core.problem import Outage, Problem
+from core.tolerances import STRICT
+
+#: Lowest passages that are not marked where nobody asks for others [km].
+LOWEST_KM = {"Earth": LOWEST_OVER_EARTH_KM, "Moon": LOWEST_OVER_MOON_KM}
 
 
 class MassBudget(NamedTuple):
@@ -40,6 +47,18 @@ class Mark(NamedTuple):
     #: 0 for the reference.
     trajectory: int
     approach: Approach
+    #: How low it may be [km].
+    limit_km: float
+
+
+class Lack(NamedTuple):
+    """An arrival with less mass than the spacecraft has without propellant."""
+
+    #: 0 for the reference.
+    trajectory: int
+    #: What arrives, and what has to [kg].
+    mass_kg: float
+    least_kg: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,9 +80,10 @@ class Certification:
 
     verification: Verification
     trajectories: tuple[FlownAgain, ...]
-    #: How low a trajectory may pass [km].
-    min_altitude_km: float
+    #: How low a trajectory may pass each body [km].
+    min_altitudes_km: Mapping[str, float]
     marks: tuple[Mark, ...]
+    lacks: tuple[Lack, ...]
     #: None where nobody asked for it.
     third: Third | None = None
 
@@ -75,13 +95,30 @@ class Certification:
 
     @property
     def is_sound(self) -> bool:
-        """Whether the defects hold, at least at the paper's tolerance, and no passage is too low."""
-        return self.level != "none" and not self.marks
+        """Whether the defects hold, at least at the paper's tolerance, and no passage or mass is too low."""
+        return self.level != "none" and not self.marks and not self.lacks
+
+
+def lowest_passages(min_altitude_km: float | None = None) -> Mapping[str, float]:
+    """Return how low each body may be passed [km]: as asked, or 200 km for the Earth and 100 for the Moon.
+
+    Raises
+    ------
+    ValueError
+        When an altitude below the surface is asked for, or what is no number.
+    """
+    if min_altitude_km is None:
+        return LOWEST_KM
+    if not (min_altitude_km >= 0.0 and math.isfinite(min_altitude_km)):
+        raise ValueError(
+            f"min_altitude_km: expected a number of at least 0, which is the surface, got {min_altitude_km}"
+        )
+    return dict.fromkeys(LOWEST_KM, float(min_altitude_km))
 
 
 @one_at_a_time
 def certify(
-    problem: Problem, x: Array, min_altitude_km: float = 0.0, with_heyoka: bool = False
+    problem: Problem, x: Array, min_altitude_km: float | None = None, with_heyoka: bool = False
 ) -> Certification:
     """Fly a solution again, in halves and through, and take stock.
 
@@ -91,8 +128,9 @@ def certify(
         P_k.
     x : (n_variables,) array
         Decision vector [days, rad, kg], as for `verify`.
-    min_altitude_km : float
-        Lowest passage of the Earth or the Moon that is not marked [km].
+    min_altitude_km : float, optional
+        Lowest passage of the Earth or the Moon that is not marked [km]; None for 200 km over the Earth and
+        100 km over the Moon.
     with_heyoka : bool
         Whether it is flown through a third time, by heyoka, which has to be installed.
 
@@ -105,32 +143,33 @@ def certify(
     Raises
     ------
     ValueError
-        When x has another shape than the problem asks for, or is not finite.
+        When x has another shape than the problem asks for, or is not finite; or a limit is below 0.
 
     References
     ----------
     docs/verification.md.
     """
+    limits = lowest_passages(min_altitude_km)
     plans, (kernel, naif_id), pilot = plans_of(problem, x), loaded_target(problem), pilot_of(problem)
-    planned, through = ([Closest(pilot) for _ in plans] for _ in range(2))
-    flights = fly_all(pilot, problem, plans, naif_id, planned)
+    verification = judged(problem, plans, kernel, naif_id)
+    through = [Closest(pilot) for _ in plans]
     flown_through = fly_through(pilot, problem, plans, naif_id, through)
     trajectories = tuple(
         FlownAgain(
             outage=problem.outages[i - 1] if i else None,
-            closest=planned[i].approaches,
+            closest=verification.closest[i],
             closest_through=through[i].approaches,
             through=flown_through[i],
             mass=_mass(problem, pilot, plans, i),
         )
         for i in range(len(plans))
     )
-    verification = weighed(problem, plans, flights, kernel, pilot.n_evaluations)
     return Certification(
         verification=verification,
         trajectories=trajectories,
-        min_altitude_km=min_altitude_km,
-        marks=_too_low(trajectories, min_altitude_km),
+        min_altitudes_km=limits,
+        marks=_too_low(trajectories, limits),
+        lacks=_too_light(problem, trajectories),
         third=_third(problem, plans, naif_id, verification) if with_heyoka else None,
     )
 
@@ -142,12 +181,21 @@ def _third(problem: Problem, plans: list[Plan], naif_id: int, found: Verificatio
     return fly_third(problem, plans, naif_id, float(found.arrival_et.max()))
 
 
-def _too_low(trajectories: tuple[FlownAgain, ...], limit_km: float) -> tuple[Mark, ...]:
+def _too_low(trajectories: tuple[FlownAgain, ...], limits: Mapping[str, float]) -> tuple[Mark, ...]:
     return tuple(
-        Mark(index, approach)
+        Mark(index, approach, limits[approach.body])
         for index, flown in enumerate(trajectories)
         for approach in flown.closest
-        if not approach.altitude_km >= limit_km
+        if not approach.altitude_km >= limits[approach.body]
+    )
+
+
+def _too_light(problem: Problem, trajectories: tuple[FlownAgain, ...]) -> tuple[Lack, ...]:
+    least = problem.least_final_mass_kg
+    arriving = [min(flown.mass.arrival, flown.mass.stated_arrival) for flown in trajectories]
+    # The mass may be off by as much as a defect may.
+    return tuple(
+        Lack(index, mass, least) for index, mass in enumerate(arriving) if not mass >= least - STRICT.mass_kg
     )
 
 

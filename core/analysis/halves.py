@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from core.analysis.reflight import Array, Pilot, Unflyable
+from core.analysis.reflight import RTOL, Array, Pilot, Unflyable
 from core.constants import G0, SECONDS_PER_DAY
 from core.orbits import departure_state
 from core.problem import Problem
@@ -82,10 +82,10 @@ def departure_of(problem: Problem) -> tuple[float, Array]:
     return start.et, np.array([*start.position_km, *start.velocity_km_s, start.mass_kg])
 
 
-def pilot_of(problem: Problem) -> Pilot:
+def pilot_of(problem: Problem, rtol: float = RTOL) -> Pilot:
     """Return who flies a problem's arcs."""
     craft = problem.spacecraft
-    return Pilot(departure_of(problem)[0], craft.max_thrust_n, craft.isp_s * G0 * 1e-3)
+    return Pilot(departure_of(problem)[0], craft.max_thrust_n, craft.isp_s * G0 * 1e-3, rtol)
 
 
 def fly_all(

@@ -83,10 +83,10 @@ class _Model:
         self.right = state.defects - spread @ self.gradient.ravel()
 
     def step(self) -> Array:
-        """Return the minimizer; times that would leave their bounds stop there."""
+        """Return the minimizer; times and masses that would leave their bounds stop there."""
         form, state = self.form, self.state
         stopped = np.zeros(len(form.others))
-        times = np.searchsorted(form.others, form.free_times)
+        bounded = np.searchsorted(form.others, form.bounded)
         for _ in range(3):
             weighted = self.j_others * self.softness
             self.factor = scipy.linalg.cho_factor(
@@ -95,13 +95,13 @@ class _Model:
             right = self.right + self.j_others @ stopped - weighted @ self.by_others
             multipliers = scipy.linalg.cho_solve(self.factor, right, check_finite=False)
             others = stopped - self.softness * (self.by_others + multipliers @ self.j_others)
-            moved = state.z[form.free_times] + others[times]
-            kept = np.clip(moved, form.earliest, form.latest)
+            moved = state.z[form.bounded] + others[bounded]
+            kept = np.clip(moved, form.lowest, form.highest)
             out = np.abs(kept - moved) > 1e-12
             if not out.any():
                 break
-            stopped[times[out]] = (kept - state.z[form.free_times])[out]
-            self.softness[times[out]] = 0.0
+            stopped[bounded[out]] = (kept - state.z[form.bounded])[out]
+            self.softness[bounded[out]] = 0.0
         controls = -self._inverse(self.gradient + (multipliers @ self.flat).reshape(-1, 3))
         return self._assemble(others, controls)
 

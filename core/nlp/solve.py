@@ -12,6 +12,7 @@ from core.nlp.phases import is_solved, reach, starts
 from core.nlp.robust import Deepen, Robust
 from core.nlp.threads import one_thread
 from core.nlp.thrust_vectors import ThrustVectors
+from core.problem import require_departure_mass
 from core.tolerances import violation
 from core.transcription import Guess, Transcription, checked_vector
 
@@ -58,12 +59,13 @@ def solve(
     Raises
     ------
     ValueError
-        When the guess has another shape or is not finite.
+        When the guess has another shape or is not finite, or the departure has no propellant.
 
     References
     ----------
     docs/method.md, section 7.
     """
+    require_departure_mass(transcription.problem, transcription.start_mass_kg)
     limits = limits_of(transcription, settings or SolveSettings(), stop)
     with one_thread():
         robust = _taken_apart(transcription, guess, limits, deepen)

@@ -56,11 +56,19 @@ class ThrustVectors:
         #: (n_defects,) rows of the defects that what may move acts on.
         self.rows: Indices = np.flatnonzero(touched)
         self.n_defects = len(self.rows)
-        #: Places of the times that may move, the shooting times among them, and how far they may [TU].
-        self.free_times: Indices = self.times[free[self.times]]
-        self.shooting: Mask = np.isin(self.free_times, [t.shooting_time for t in trajectories])
+        # That of the reference is left to the phase that saves propellant, which realizations do not have.
+        masses = np.array([t.final_mass for t in trajectories[1:]], dtype=np.int64)
         lower, upper = (side / transcription.scale for side in transcription.bounds)
-        self.earliest, self.latest = lower[self.free_times] + _MARGIN, upper[self.free_times] - _MARGIN
+        lower[self.times] += _MARGIN
+        upper[self.times] -= _MARGIN
+        # What is flown from the departure has no more mass than that.
+        upper[masses] = np.inf
+        bounded = np.sort(np.concatenate([self.times, masses]))
+        #: Places of the times [TU] and of realizations' final masses [MU] that may move, and how far.
+        self.bounded: Indices = bounded[free[bounded]]
+        self.lowest, self.highest = lower[self.bounded], upper[self.bounded]
+        #: Which of these are shooting times.
+        self.is_shooting: Mask = np.isin(self.bounded, [t.shooting_time for t in trajectories])
         #: Bounds of the throttles [-].
         self.least, self.most = transcription.problem.bounds.throttle
         setting = transcription.setting
@@ -81,8 +89,8 @@ class ThrustVectors:
     def lengthened(self, start: Array) -> Array:
         """Return a start with shooting times halfway to their latest, flown afresh with its controls."""
         z = start.copy()
-        places = self.free_times[self.shooting]
-        z[places] += 0.5 * (self.latest[self.shooting] - z[places])
+        places = self.bounded[self.is_shooting]
+        z[places] += 0.5 * (self.highest[self.is_shooting] - z[places])
         for index in np.flatnonzero(self.is_free):
             self._balance_mass(z, int(index))
         self.transcription.fill_nodes(self.transcription.vectors, z)
@@ -112,8 +120,8 @@ class ThrustVectors:
         return np.asarray(np.sqrt((z[self.controls] ** 2).sum(axis=1)))
 
     def inside(self, z: Array) -> Array:
-        """Return z with its times in their bounds; lengths of throttle vectors are the cost's affair."""
-        z[self.free_times] = np.clip(z[self.free_times], self.earliest, self.latest)
+        """Return z with what is bounded in its bounds; lengths of throttle vectors are the cost's affair."""
+        z[self.bounded] = np.clip(z[self.bounded], self.lowest, self.highest)
         return z
 
     def _free(self) -> Mask:

@@ -22,7 +22,7 @@ def sample_guess(transcription: Transcription, rng: np.random.Generator, law: st
     Parameters
     ----------
     transcription : Transcription
-        The problem; its bounds are the box of x.
+        The problem; guesses lie in its `sampling_box`.
     rng : Generator
         Source of the numbers.
     law : str
@@ -45,7 +45,7 @@ def sample_guess(transcription: Transcription, rng: np.random.Generator, law: st
 
 def _uniform(transcription: Transcription, rng: np.random.Generator) -> Array:
     """Draw uniformly from the box: the paper's law."""
-    lower, upper = transcription.bounds
+    lower, upper = transcription.sampling_box
     return lower + (upper - lower) * rng.random(len(lower))
 
 
@@ -56,7 +56,7 @@ def _thrust_coast_thrust(transcription: Transcription, rng: np.random.Generator)
     reference's controls, as in the paper's default mapping.
     """
     x = _uniform(transcription, rng)
-    lower, upper = transcription.bounds
+    lower, upper = transcription.sampling_box
     layout = transcription.layout.reference
     throttles = _two_burns(layout.n_segments, layout.matchpoint, rng)
     swing = CONE_RAD * rng.standard_normal((layout.n_segments, 2))

@@ -242,11 +242,11 @@ class Chain:
 
     def ask(self, rng: np.random.Generator) -> Array:
         """Return the next guess (n_variables,): a fresh draw, or a hop from the incumbent."""
-        settings, bounds = self.settings, self.transcription.bounds
+        settings, box = self.settings, self.transcription.sampling_box
         if self.incumbent is None or not self.is_hopping:
             return sample_guess(self.transcription, rng, settings.guess_law)
-        moved = hop(self.incumbent.x, bounds, settings.hop_law, self.width, rng, settings.shape)
-        return hop_times(moved, bounds, self._times, settings.time_hop_probability, rng)
+        moved = hop(self.incumbent.x, box, settings.hop_law, self.width, rng, settings.shape)
+        return hop_times(moved, box, self._times, settings.time_hop_probability, rng)
 
     def tell(self, outcome: Outcome) -> str:
         """Take the outcome of the last guess and return "accepted", "rejected" or "restarted"."""

@@ -95,7 +95,17 @@ class Layout:
         return factors
 
     def bounds(self, problem: Problem, start_mass_kg: float) -> tuple[Array, Array]:
-        """Return the box of x, docs/method.md section 4, in the units of x."""
+        """Return the bounds of x, docs/method.md section 4, in the units of x."""
+        lower, upper = self.sampling_box(problem, start_mass_kg)
+        lower[[trajectory.final_mass for trajectory in self.trajectories]] = problem.least_final_mass_kg
+        return lower, upper
+
+    def sampling_box(self, problem: Problem, start_mass_kg: float) -> tuple[Array, Array]:
+        """Return the box that guesses are drawn from and hops are measured by, in the units of x.
+
+        The bounds lie in it: here the dry mass does not count, so that a search draws the same guesses
+        whatever the dry mass is.
+        """
         lower, upper = np.empty(self.n_variables), np.empty(self.n_variables)
         box = problem.bounds
         for trajectory in self.trajectories:

@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from core.constants import RADIUS_EARTH_KM, RADIUS_MOON_KM
+from core.constants import LOWEST_OVER_EARTH_KM, LOWEST_OVER_MOON_KM, RADIUS_EARTH_KM, RADIUS_MOON_KM
 from core.dynamics import ForceModel, force_model
 from core.ephemeris import EphemerisTable, body_table
 from core.orbits.spiral import departure_state
@@ -35,9 +35,10 @@ STATE_SCALE = np.array([LU_KM] * 3 + [VU_KM_S] * 3 + [MU_KG])
 #: Default number of shooting legs; a first trial of the method found 1, 25 and 50 worse.
 DEFAULT_LEGS = 10
 
-#: Radii of a body that a path must keep from its centre, and the tolerance of the integrator whose steps
-#: are short enough to tell [-].
-CLEARANCE, CLEARANCE_TOLERANCE = 1.03, 1e-12
+#: Distances from the centres of Earth and Moon that a path must keep [km], and the tolerance of the
+#: integrator whose steps are short enough to tell [-].
+CLEARANCE_KM = (RADIUS_EARTH_KM + LOWEST_OVER_EARTH_KM, RADIUS_MOON_KM + LOWEST_OVER_MOON_KM)
+CLEARANCE_TOLERANCE = 1e-12
 
 _ROOM_DAYS = 5.0
 
@@ -102,6 +103,11 @@ class Transcription:
     def bounds(self) -> tuple[Array, Array]:
         """Lower and upper bounds of x, each (n_variables,) [days, rad, kg]."""
         return self.layout.bounds(self.problem, self.start_mass_kg)
+
+    @property
+    def sampling_box(self) -> tuple[Array, Array]:
+        """Box that guesses are drawn from and hops are measured by, each (n_variables,) [days, rad, kg]."""
+        return self.layout.sampling_box(self.problem, self.start_mass_kg)
 
     @property
     def start_mass_kg(self) -> float:
@@ -171,12 +177,12 @@ class Transcription:
         return other
 
     def is_clear(self, x: Array) -> bool:
-        """Return whether no trajectory of a decision vector comes within `CLEARANCE` radii of Earth or Moon.
+        """Return whether no trajectory of a decision vector comes within `CLEARANCE_KM` of Earth or Moon.
 
         Only the ends of steps are looked at, which are further out than a closest approach between them.
         """
         solid = self.at_tolerance(CLEARANCE_TOLERANCE)
-        radii = np.array([RADIUS_EARTH_KM, RADIUS_MOON_KM]) * CLEARANCE / LU_KM
+        radii = np.array(CLEARANCE_KM) / LU_KM
         solid.setting = replace(self.setting, model=self.setting.model._replace(surfaces=radii))
         return bool(np.all(np.isfinite(solid.defects(x))))
 

@@ -113,6 +113,9 @@ RECORD = {
     "kernel_hashes": {"de440.bsp": "a4ce9bf6"},
     "host": "node7 (x86_64, Linux)",
     "created_at": LATER,
+    "is_marginal": False,
+    "earth_altitude_km": 156833.3,
+    "moon_altitude_km": 3945.5,
 }
 WORKER = {
     "name": "node7:4711",

@@ -183,13 +183,19 @@ class Record(Answer):
     kernel_hashes: dict[str, str]
     host: str
     created_at: datetime
+    #: Whether the level differs with the tolerance of the verifier's integrator, and is the lower of the two;
+    #: null where that was not asked yet.
+    is_marginal: bool | None = None
+    #: Lowest that any of its trajectories passes the surface [km]; null where that was not looked at yet.
+    earth_altitude_km: float | None = None
+    moon_altitude_km: float | None = None
 
 
 class RecordWithVector(Record):
     """A record and its decision vector."""
 
     x: list[float] = Field(description="Paper layout: days, throttle [-], angles [rad], kg")
-    #: How the re-flight was done: integrator, tolerance, target error.
+    #: How the re-flight was done: integrator, tolerance, target error, closest approaches.
     verification: dict[str, Any]
 
 

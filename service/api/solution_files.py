@@ -55,7 +55,8 @@ def _blocks(columns: Iterable[str], rows: Iterator[Iterable[Any]]) -> Iterator[s
 def _entries(problem: Problem, x: NDArray[np.float64]) -> Iterator[Iterable[Any]]:
     layout = layout_of(problem)
     start_mass = departure_state(problem.departure, problem.spacecraft).mass_kg
-    lower, upper = layout.bounds(problem, start_mass)
+    # The box, as files of earlier versions have it: another dry mass does not change them.
+    lower, upper = layout.sampling_box(problem, start_mass)
     for index, (name, segment, unit, trajectory) in enumerate(_variables(layout)):
         numbers = (float(values[index]) for values in (x, lower, upper))
         yield (index, trajectory, name, segment, unit, *numbers)

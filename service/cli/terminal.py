@@ -166,10 +166,16 @@ def solution_list(records: Sequence[Record]) -> Table:
             _shown(record.delta_v_km_s, 4),
             _shown(record.time_of_flight_days, 2),
             record.insertion_epoch[:10],
-            "strict" if record.strict else "paper",
+            level_of(record),
             (record.seed_id or "-")[:8],
         )
     return rows
+
+
+def level_of(record: Record) -> str:
+    """Return the tolerance that a solution holds, and whether only just."""
+    level = "strict" if record.strict else "paper" if record.paper else "infeasible"
+    return f"{level}, marginal" if record.is_marginal else level
 
 
 def _shown(value: float | None, digits: int) -> str:

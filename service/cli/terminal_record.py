@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from service.api.schemas import Record
-from service.cli.terminal import table
+from service.cli.terminal import level_of, table
 
 #: Rows of a defect: what they are of, and their unit.
 PARTS = {"km": slice(0, 3), "km/s": slice(3, 6), "kg": slice(6, 7)}
@@ -16,8 +16,7 @@ PARTS = {"km": slice(0, 3), "km/s": slice(3, 6), "kg": slice(6, 7)}
 
 def print_record(console: Console, record: Record) -> None:
     """Print a solution but for its vector, which is in the JSON."""
-    held = "strict" if record.strict else "paper" if record.paper else "infeasible"
-    console.print(Text.assemble((record.id, "bold"), f"  {record.strategy}, verified as {held}"))
+    console.print(Text.assemble((record.id, "bold"), f"  {record.strategy}, verified as {level_of(record)}"))
     for name, words in _facts(record):
         console.print(Text.assemble((f"{name:<15}", "bold"), words), soft_wrap=True)
     console.print(_defects(record))
@@ -35,6 +34,9 @@ def _facts(record: Record) -> Iterator[tuple[str, str]]:
     yield "time of flight", f"{record.time_of_flight_days:.2f} d: {shares}"
     yield "insertion", f"{record.insertion_epoch} TDB"
     yield "arrival", f"{record.arrival_epoch} TDB"
+    lowest = (("Earth", record.earth_altitude_km), ("Moon", record.moon_altitude_km))
+    passes = [f"{altitude:,.0f} km over the {body}" for body, altitude in lowest if altitude is not None]
+    yield "lowest", ", ".join(passes) or "not looked at; `coastarc solutions verify` does"
     yield "problem", record.problem_hash
     yield "found by", f"search {record.search} of campaign {record.campaign_id}"
     yield "seed", f"{record.seed_id}, mapped by {record.mapping}" if record.seed_id else "none: drawn"

@@ -55,7 +55,8 @@ def print_certificate(console: Console, found: CertificateDocument | None) -> No
         return
     content = found.content
     verdict = "sound" if content.is_sound else "NOT SOUND"
-    head = f": {found.hash}, {content.level}, {verdict}, {found.made_at:%Y-%m-%d %H:%M} UTC"
+    level = f"{content.level}, marginal" if content.is_marginal else content.level
+    head = f": {found.hash}, {level}, {verdict}, {found.made_at:%Y-%m-%d %H:%M} UTC"
     if found.is_from_elsewhere:
         head += f", made elsewhere, on {found.made_on}"
     console.print(Text.assemble(("certificate", "bold"), head), soft_wrap=True)

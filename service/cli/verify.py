@@ -34,9 +34,12 @@ def verify_command(
     is_all: Annotated[bool, typer.Option("--all", metavar="", help="All of the archive.")] = False,
     data: Data = DATA,
     min_altitude_km: Annotated[
-        float,
-        typer.Option(min=-1000.0, max=1e6, help="Passages of Earth or Moon below so many km are marked."),
-    ] = 0.0,
+        float | None,
+        typer.Option(
+            show_default="200 over the Earth, 100 over the Moon",
+            help="Passages of Earth or Moon below so many km are marked.",
+        ),
+    ] = None,
     is_stale: Annotated[
         bool,
         typer.Option(

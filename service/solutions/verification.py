@@ -16,6 +16,7 @@ from itertools import islice
 
 from pydantic import BaseModel
 
+from core.analysis.certificate import lowest_passages
 from core.faults import UserError
 from service.store import Store
 from service.store.certificates import Subject
@@ -36,10 +37,17 @@ class VerificationError(UserError, ValueError):
 class Asked:
     """What is asked of every certificate."""
 
-    #: Lowest passage of the Earth or the Moon that is not marked.
-    min_altitude_km: float = 0.0
+    #: Lowest passage of the Earth or the Moon that is not marked [km]; None for the defaults of each.
+    min_altitude_km: float | None = None
     #: Whether heyoka flies too.
     with_heyoka: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse an altitude that is none."""
+        try:
+            lowest_passages(self.min_altitude_km)
+        except ValueError as error:
+            raise VerificationError(str(error)) from error
 
 
 class Verified(BaseModel):
@@ -52,6 +60,8 @@ class Verified(BaseModel):
     is_sound: bool
     #: Sound, and no worse than archived.
     is_good: bool
+    #: Whether the level differs with the integrator's tolerance; None where it was not flown.
+    is_marginal: bool | None = None
     #: Largest of its trajectories [km].
     arrival_miss_km: float | None = None
     #: Lowest of its trajectories [km].
@@ -136,6 +146,10 @@ def _judged(subject: Subject, found: CertificateDocument, is_new: bool) -> Verif
     content = found.content
     reasons = [*content.marks, *([content.failure] if content.failure else [])]
     is_worse = RANKS[content.level] < RANKS[subject.level]
+    if content.is_marginal:
+        reasons.append(
+            "marginal: its level differs between two tolerances of the integrator, 1e-13 and 2.3e-14"
+        )
     if is_worse:
         reasons.append(f"expected defects within the {subject.level} tolerance, got {content.level}")
     misses = [trajectory.through.arrival_miss[0] for trajectory in content.trajectories]
@@ -151,6 +165,7 @@ def _judged(subject: Subject, found: CertificateDocument, is_new: bool) -> Verif
         level=content.level,
         is_sound=content.is_sound,
         is_good=content.is_sound and not is_worse,
+        is_marginal=content.is_marginal,
         arrival_miss_km=None if None in misses else max(miss for miss in misses if miss is not None),
         earth_altitude_km=lowest["Earth"],
         moon_altitude_km=lowest["Moon"],

@@ -12,7 +12,7 @@ from core.orbits import SpiralError, departure_state, target_kernel
 from core.orbits.clearance import ClearanceError, check_clearance
 from core.orbits.halo import HaloError
 from core.orbits.shooting import ShootingError
-from core.problem import Problem, ProblemError, require_physical
+from core.problem import Problem, ProblemError, require_departure_mass, require_physical
 from service.spec import SpecError
 
 #: Why a problem whose fields are all in order cannot be flown.
@@ -24,6 +24,7 @@ IMPOSSIBLE = (
     HaloError,
     ShootingError,
     ClearanceError,
+    ProblemError,
     OSError,
 )
 #: Processor time for a spiral; one of 400 days from a low orbit takes 20 [s].
@@ -37,7 +38,8 @@ def require_flyable(problem: Problem, name: str = "spec.problem") -> None:
     except ProblemError as error:
         raise SpecError(str(error)) from error
     try:
-        departure_state(problem.departure, problem.spacecraft, _after(MOST_CPU_S))
+        start = departure_state(problem.departure, problem.spacecraft, _after(MOST_CPU_S))
+        require_departure_mass(problem, start.mass_kg)
         target_kernel(problem)
         check_clearance(problem)
     except IMPOSSIBLE as error:

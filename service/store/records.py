@@ -189,6 +189,7 @@ def _record(row: _Found) -> Record:
             name: provenance.content[name]
             for name in ("code_version", "package_versions", "kernel_hashes", "host")
         },
+        **_found_again(solution.verification),
         seed_id=job.seed_id,
         mapping=job.mapping,
         campaign_id=campaign.id,
@@ -200,3 +201,12 @@ def _record(row: _Found) -> Record:
         defects_solved=solve.defects.reshape(-1, 7).tolist(),
         defects_verified=solution.defects.reshape(-1, 7).tolist(),
     )
+
+
+def _found_again(verification: dict[str, Any]) -> dict[str, Any]:
+    """Return what the verifier says besides its level; earlier versions and imports may say nothing."""
+    lowest, is_marginal = verification.get("lowest_km"), verification.get("is_marginal")
+    altitudes = lowest if isinstance(lowest, dict) else {}
+    named = {"earth_altitude_km": altitudes.get("Earth"), "moon_altitude_km": altitudes.get("Moon")}
+    numbers = {name: value if isinstance(value, float | int) else None for name, value in named.items()}
+    return numbers | {"is_marginal": is_marginal if isinstance(is_marginal, bool) else None}

@@ -10,7 +10,7 @@ import { epoch, number, small } from "./format.js";
  * @typedef {{ wet: number, spiral: number, departure: number, before_outage: number, segments: number, arrival: number, spare: number }} Mass
  * @typedef {{ name: string, position_km: number | null, closest: Approach[], through: Through, mass: Mass }} Flown
  * @typedef {{ integrator: string, trajectories: { apart: (number | null)[] }[] }} Third
- * @typedef {{ third?: Third, level: string, is_sound: boolean, min_altitude_km: number, marks: string[], failure: string, trajectories: Flown[] }} Content
+ * @typedef {{ third?: Third, level: string, is_sound: boolean, min_altitude_km: number, min_altitudes_km?: Record<string, number>, is_marginal?: boolean, marks: string[], failure: string, trajectories: Flown[] }} Content
  * @typedef {{ content: Content, hash: string, made_at: string, made_on: string, checked_at: string, is_from_elsewhere?: boolean }} Certificate
  */
 
@@ -40,12 +40,14 @@ export function showCertificate(place, found, id) {
 /** @param {Content} content */
 function pill(content) {
   const kind = content.is_sound ? content.level : "none";
-  return el("span", { class: "pill", "data-verdict": kind }, content.is_sound ? `sound, ${content.level}` : "not sound");
+  return el("span", { class: "pill", "data-verdict": kind }, `${content.is_sound ? `sound, ${content.level}` : "not sound"}${content.is_marginal ? ", marginal" : ""}`);
 }
 
 /** @param {Certificate} found */
 function words(found) {
-  const limit = number(found.content.min_altitude_km, 0, "km");
+  const { min_altitude_km: least, min_altitudes_km: each } = found.content;
+  const limits = Object.entries(each ?? {}).map(([body, km]) => `${number(km, 0, "km")} over the ${body}`);
+  const limit = limits.join(" and ") || number(least, 0, "km");
   const again = found.checked_at === found.made_at ? "" : `, found again ${found.checked_at.slice(0, 10)}`;
   return (
     "Miss: how far from the target each trajectory arrives if it is flown from the departure and nothing is corrected. " +

@@ -1,9 +1,13 @@
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from core.analysis import verify as judge
-from core.analysis.certificate import certify
+from core.analysis.approaches import Approach
+from core.analysis.certificate import _too_low as too_low
+from core.analysis.certificate import certify, lowest_passages
 from core.analysis.verify import verify
 from tests.core.analysis.by_hand import (
     EARLY,
@@ -127,6 +131,31 @@ def test_a_passage_below_the_set_altitude_is_marked_and_unsound(transfer, certif
     low = certify(*transfer, min_altitude_km=lowest + 1.0)
     assert not low.is_sound and low.level == "strict"
     assert {mark.approach.altitude_km for mark in low.marks} >= {lowest}
+
+
+def test_passages_are_marked_below_200_km_over_the_earth_and_100_km_over_the_moon(certified):
+    assert dict(certified.min_altitudes_km) == {"Earth": 200.0, "Moon": 100.0}
+    low = [Approach(body, 0.0, 150.0, 0.0, 0.0, True) for body in ("Earth", "Moon")]
+    flown = dataclasses.replace(certified.trajectories[0], closest=tuple(low))
+    assert [mark.approach.body for mark in too_low((flown,), lowest_passages())] == ["Earth"]
+    assert len(too_low((flown,), lowest_passages(151.0))) == 2
+
+
+@pytest.mark.parametrize("altitude_km", [-1.0, float("nan"), float("inf")])
+def test_a_lowest_passage_that_is_none_is_refused(transfer, altitude_km):
+    with pytest.raises(ValueError, match=f"min_altitude_km: expected .* at least 0, .*, got {altitude_km}"):
+        certify(*transfer, min_altitude_km=altitude_km)
+
+
+def test_a_solution_below_its_dry_mass_is_not_sound_and_says_which_trajectory(transfer):
+    problem, x = transfer
+    dry_mass_kg = float(x[37]) + 0.5
+    craft = problem.spacecraft.model_copy(update={"dry_mass_kg": dry_mass_kg})
+    found = certify(problem.model_copy(update={"spacecraft": craft}), x)
+    assert found.level == "none" and not found.is_sound and not found.marks
+    light = [index for index, mass in enumerate(x[[21, 37, 44]]) if mass < dry_mass_kg]
+    assert 1 in light and [lack.trajectory for lack in found.lacks] == light
+    assert found.lacks[0].least_kg == dry_mass_kg
 
 
 def test_a_flight_into_the_earth_is_no_solution_and_says_where(transfer):

@@ -2,10 +2,11 @@ from math import isnan
 
 import numpy as np
 import pytest
+import scipy
 
 from core.analysis import verify as judge
 from core.analysis.verify import holds, verify
-from core.tolerances import PAPER, STRICT
+from core.tolerances import PAPER, STRICT, violation
 from tests.core.analysis import by_hand
 from tests.core.analysis.by_hand import known_transfer, problem_with
 
@@ -73,6 +74,68 @@ def test_a_vector_outside_its_bounds_is_not_feasible(transfer):
     found = verify(problem_with(path, 6, [(2, 0.5), (5, 0.5)], **narrow), x)
     assert holds(found.defects, STRICT)
     assert not (found.is_within_bounds or found.strict or found.paper)
+
+
+@pytest.mark.parametrize("trajectory", [0, 1, 2])
+def test_a_trajectory_that_arrives_with_less_than_the_dry_mass_is_not_feasible(transfer, trajectory):
+    problem, x = transfer
+    dry_mass_kg = float(x[[21, 37, 44][trajectory]]) + 0.5
+    heavy = problem.model_copy(
+        update={"spacecraft": problem.spacecraft.model_copy(update={"dry_mass_kg": dry_mass_kg})}
+    )
+    found = verify(heavy, x)
+    assert holds(found.defects, STRICT)
+    assert not (found.is_within_bounds or found.strict or found.paper)
+
+
+def flown_once(problem, x, rtol=1e-13):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(judge, "RTOL", rtol)
+        patch.setattr(judge, "NEAR", 1.0)
+        return verify(problem, x)
+
+
+def moved(x, days):
+    return np.concatenate([x[:39], [x[39] + days], x[40:]])
+
+
+def days_at(problem, x, share, *tolerances):
+    """Return how much later a realization has to leave to have defects of a share of the strict limit."""
+
+    def excess(days):
+        found = [flown_once(problem, moved(x, days), rtol).defects for rtol in tolerances]
+        return np.mean([violation(defects) for defects in found]) - share
+
+    return scipy.optimize.brentq(excess, 0.0, 1e-3, xtol=1e-14)
+
+
+def test_a_vector_whose_verdict_depends_on_the_integrators_tolerance_is_marginal(transfer, monkeypatch):
+    problem, x = transfer
+    # Far coarser than in earnest, where 12 days make a difference of less than a millimetre.
+    monkeypatch.setattr(judge, "FINER_RTOL", 1e-8)
+    limit = moved(x, days_at(problem, x, 1.0, 1e-13, 1e-8))
+    finer, coarser = (violation(flown_once(problem, limit, rtol).defects) for rtol in (1e-13, 1e-8))
+    assert min(finer, coarser) <= 1.0 < max(finer, coarser)
+    found = verify(problem, limit)
+    assert found.is_marginal and found.paper and not found.strict
+    assert violation(found.defects) == max(finer, coarser)
+    assert found.tolerance == (1e-13 if finer > coarser else 1e-8)
+
+
+@pytest.mark.parametrize(("share", "is_flown_twice"), [(0.1, False), (0.5, True), (0.9, True)])
+def test_a_second_flight_is_made_where_the_defects_are_near_a_limit(transfer, share, is_flown_twice):
+    problem, x = transfer
+    near = moved(x, days_at(problem, x, share, 1e-13))
+    found = verify(problem, near)
+    assert found.strict and not found.is_marginal
+    assert (found.n_evaluations > flown_once(problem, near).n_evaluations) == is_flown_twice
+
+
+def test_every_flight_says_how_close_each_trajectory_comes_to_earth_and_moon(transfer):
+    found = verify(*transfer)
+    assert [[one.body for one in flown] for flown in found.closest] == 3 * [["Earth", "Moon"]]
+    # The reference begins where it is closest to the Earth, or comes closer later.
+    assert found.closest[0][0].distance_km <= np.linalg.norm(by_hand.START[:3])
 
 
 def test_the_norm_of_each_part_is_judged_for_every_trajectory():

@@ -10,7 +10,7 @@ from core.analysis.stationarity import stationarity
 from core.analysis.verify import verify
 from core.nlp import ExitStatus, SolveSettings, solve
 from core.orbits.target import NRHO_ID, target_kernel
-from core.problem import problem_from
+from core.problem import ProblemError, problem_from
 from core.search import sample_guess
 from core.tolerances import violation
 from core.transcription import Guess, transcribe
@@ -185,8 +185,8 @@ def test_states_that_are_missing_are_propagated(flown):
 
 @pytest.mark.parametrize("guess", [optimum, lambda: near(transcribe(PRESET), 1)])
 def test_a_path_through_a_body_is_refused_by_name(monkeypatch, flown, guess):
-    # The path passes within 4.5 radii of a body, though not through one.
-    monkeypatch.setattr("core.transcription.transcription.CLEARANCE", 4.5)
+    # The path passes within 7,000 km of the Moon, and not below 100 km above it.
+    monkeypatch.setattr("core.transcription.transcription.CLEARANCE_KM", (6578.0, 7000.0))
     outcome = solve(flown, guess(), SolveSettings(max_iterations=150))
     assert outcome.status is ExitStatus.IMPACT and not outcome.is_feasible
     monkeypatch.undo()
@@ -216,6 +216,27 @@ def test_the_insertion_stays_where_it_was_without_the_final_coast(flown):
     difference = (kept.defects(without) - kept.defects(optimum())).reshape(-1, 7)
     # The fit of the orbit, 1e-4 km and 1e-8 km/s, magnified by the 40 days to the matchpoint.
     assert 0.0 < violation(difference) < 1.0
+
+
+def with_dry_mass(dry_mass_kg, outages=()):
+    given = {"preset": "ppe-drm3", "spacecraft": {"dry_mass_kg": dry_mass_kg}}
+    return problem_from(given).with_outages(outages)
+
+
+@pytest.mark.parametrize("dry_mass_kg", [13070.0, 13270.0])
+def test_no_solution_arrives_with_less_than_the_dry_mass(dry_mass_kg):
+    asked = with_dry_mass(dry_mass_kg)
+    found = solve(transcribe(asked), optimum(), SETTINGS)
+    # The optimum nearby keeps 13,078 kg, and 6 kg of propellant reach nothing.
+    assert found.is_feasible == (dry_mass_kg == 13070.0) == verify(asked, found.x).strict
+    assert found.x[-1] >= dry_mass_kg
+
+
+def test_a_departure_without_propellant_is_refused():
+    with pytest.raises(
+        ProblemError, match=r"above spacecraft\.dry_mass_kg = 14000 kg, got 13276 kg; correct"
+    ):
+        solve(transcribe(with_dry_mass(14000.0)), optimum())
 
 
 @pytest.mark.parametrize("size", [3, 153, 155])

@@ -16,8 +16,8 @@ def flown(outages=((12, 1.0), (40, 1.0))):
 
 
 @pytest.mark.parametrize("law", GUESS_LAWS)
-def test_guesses_lie_inside_the_bounds(law):
-    lower, upper = flown().bounds
+def test_guesses_lie_inside_the_box(law):
+    lower, upper = flown().sampling_box
     for rng_seed in range(20):
         x = sample_guess(flown(), np.random.default_rng(rng_seed), law)
         assert x.shape == lower.shape and np.all((x >= lower) & (x <= upper))
@@ -31,13 +31,19 @@ def test_the_same_generator_gives_the_same_guess(law):
 
 
 def test_uniform_guesses_fill_the_box_evenly():
-    lower, upper = flown().bounds
+    lower, upper = flown().sampling_box
     rng = np.random.default_rng(11)
     shares = np.array([(sample_guess(flown(), rng) - lower) / (upper - lower) for _ in range(200)])
     # A sample of the law itself passes with probability 1 - 1e-4.
     assert kstest(shares.ravel(), "uniform").pvalue > 1e-4
     assert kstest(shares[:, 0], "uniform").pvalue > 1e-4
     assert np.abs(shares.mean(axis=0) - 0.5).max() < 5 * 0.29 / np.sqrt(200)  # five deviations
+
+
+def test_a_guess_of_the_flagship_is_what_it_was_before_the_dry_mass_became_a_bound():
+    x = sample_guess(transcription(()), np.random.default_rng(2026))
+    share = np.random.default_rng(2026).random(154)[-1]
+    assert x[-1] == 1.0 + (13276.044404730972 - 1.0) * share
 
 
 @pytest.fixture(scope="module")

@@ -143,7 +143,7 @@ def test_a_chain_starts_with_a_draw_from_its_law(chain):
 def test_a_chain_hops_from_its_incumbent_feasible_or_not(chain, violation):
     start = sample_guess(chain.transcription, np.random.default_rng(3))
     assert chain.tell(outcome(violation, 12000.0, start)) == "accepted"
-    bounds = chain.transcription.bounds
+    bounds = chain.transcription.sampling_box
     expected = hop(start, bounds, "uniform", 0.05, np.random.default_rng(4))
     np.testing.assert_array_equal(chain.ask(np.random.default_rng(4)), expected)
 
@@ -164,7 +164,7 @@ def test_a_chain_does_not_hop_from_what_could_not_be_flown(chain):
 
 #: Ten variables with two segments of control.
 SMALL = SimpleNamespace(
-    bounds=(
+    sampling_box=(
         np.array([0.0, 0.0, 0.0] + [0.0, -np.pi, -1.5] * 2 + [1.0]),
         np.array([90.0, 30.0, 30.0] + [1.0, np.pi, 1.5] * 2 + [13.0]),
     ),
@@ -233,7 +233,7 @@ def test_an_adaptive_chain_hops_by_its_present_width():
     chain = Chain(transcription((), 9), settings)
     for violation in (5.0, 4.0):
         chain.tell(outcome(violation, 0.0, start))
-    bounds, width = chain.transcription.bounds, 0.05 * np.exp(0.285)
+    bounds, width = chain.transcription.sampling_box, 0.05 * np.exp(0.285)
     expected = hop(start, bounds, "gaussian", width, np.random.default_rng(4))
     np.testing.assert_array_equal(chain.ask(np.random.default_rng(4)), expected)
 
@@ -250,7 +250,7 @@ def test_the_times_of_all_trajectories_hop_and_nothing_else():
 
 def settled(guess):
     """Return the outcome of a local solver in basins a tenth of the box wide, the best about 0.35."""
-    lower, upper = SMALL.bounds
+    lower, upper = SMALL.sampling_box
     share = np.floor(10 * (guess - lower) / (upper - lower)).clip(0, 9) / 10 + 0.05
     distance = np.abs(share - 0.35).sum()
     return outcome(0.5 if distance < 1.5 else 1.0 + distance, -distance, lower + share * (upper - lower))

@@ -99,11 +99,27 @@ def test_bounds_are_the_box_of_the_paper_with_a_share_of_the_time_for_a_realizat
     assert (lower[:3].tolist(), upper[:3].tolist()) == ([1e-3, 0, 0], [90, 30, 30])
     assert upper[3:6] == pytest.approx([1, np.pi, np.pi / 2], abs=0) and lower[3] == 0
     np.testing.assert_array_equal(lower[4:6], -upper[4:6])
-    assert (lower[153], upper[153]) == (1.0, 13276.0)
+    # The dry mass, which is more than the 1 kg of the box.
+    assert (lower[153], lower[-1], upper[153]) == (5000.0, 5000.0, 13276.0)
     # 20 of 50 segments remain.
     assert upper[154:157] == pytest.approx([36.0, 30.0, 30.0], abs=1e-13)
     assert lower[154:157] == pytest.approx([4e-4, 0.0, 0.0], abs=1e-18)
     assert np.all(lower < upper)
+
+
+def test_the_box_that_guesses_are_drawn_from_does_not_depend_on_the_dry_mass():
+    asked = problem(((30, 1.0),))
+    heavier = asked.model_copy(
+        update={"spacecraft": asked.spacecraft.model_copy(update={"dry_mass_kg": 9e3})}
+    )
+    boxes = [layout_of(one).sampling_box(one, 13276.0) for one in (asked, heavier)]
+    np.testing.assert_array_equal(*boxes)
+    lower, upper = boxes[0]
+    assert (lower[153], lower[-1], upper[153]) == (1.0, 1.0, 13276.0)
+    bounds = layout_of(heavier).bounds(heavier, 13276.0)
+    masses = lower != bounds[0]
+    assert np.flatnonzero(masses).tolist() == [153, len(lower) - 1] and np.all(bounds[0][masses] == 9000.0)
+    np.testing.assert_array_equal(bounds[1], upper)
 
 
 @pytest.mark.parametrize(

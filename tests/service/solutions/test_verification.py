@@ -8,11 +8,14 @@ import sys
 from importlib.util import find_spec
 
 import pytest
+from sqlalchemy import update
 
 from core.problem import content_hash
 from service import cli
 from service.cli import verify as cli_verify
 from service.cli.options import console
+from service.cli.terminal import level_of
+from service.db.tables import SolutionRow
 from service.solutions import verification
 from service.solutions.verification import Asked, verify_solutions
 from service.spec import spec_from
@@ -98,6 +101,43 @@ def test_a_passage_below_the_altitude_asked_for_fails_and_is_named(coastarc, ver
     code, said, _ = coastarc(*words, "--workers", 1)
     assert code == 1 and "1 verified, 1 failed" in said
     assert f"passes the Moon at {first.moon_altitude_km:.3f} km on 2026-" in said
+
+
+@pytest.mark.parametrize("altitude_km", [-1, "nan", "inf"])
+def test_a_lowest_passage_that_is_none_is_refused_in_one_line(coastarc, altitude_km):
+    code, said, fault = coastarc("solutions", "verify", "--all", "--min-altitude-km", altitude_km)
+    assert code != 0 and not said
+    assert "min_altitude_km: expected a number of at least 0, which is the surface, got" in fault
+
+
+def test_every_solution_is_listed_with_its_lowest_passages(coastarc, verified):
+    known = {item.solution_id: item for item in verified[1]}
+    code, said, _ = coastarc("solutions", "list", "--json")
+    listed = json.loads(said)
+    assert code == 0 and {one["id"] for one in listed} == set(known)
+    for one in listed:
+        # What the solve's own verification saw is what a certificate sees.
+        assert one["moon_altitude_km"] == known[one["id"]].moon_altitude_km
+        assert one["earth_altitude_km"] == known[one["id"]].earth_altitude_km
+        assert one["is_marginal"] is False
+    assert "km over the Moon" in coastarc("solutions", "show", listed[0]["id"])[1]
+
+
+@pytest.mark.parametrize(
+    ("verification", "shown"),
+    [
+        ({"is_marginal": True, "lowest_km": {"Moon": 7.0}}, (True, None, 7.0)),
+        ({"lowest_km": "?"}, (None,) * 3),
+    ],
+)
+def test_what_a_verification_says_beside_its_level_is_shown_where_it_is_there(archive, verification, shown):
+    with Store(archive) as store:
+        first = store.certificates.ids(Filter())[0]
+        change = update(SolutionRow).where(SolutionRow.id == first).values(verification=verification)
+        store._database.write(lambda session: session.execute(change))
+        record = store.record(first)
+    assert (record.is_marginal, record.earth_altitude_km, record.moon_altitude_km) == shown
+    assert level_of(record) == ("strict, marginal" if shown[0] else "strict")
 
 
 def test_a_solution_that_claims_what_it_does_not_hold_fails(coastarc, archive):

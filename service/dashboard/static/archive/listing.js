@@ -112,6 +112,7 @@ function columns(choice) {
     { key: "delta_v_km_s", title: "Δv", unit: "km/s", numeric: true, value, cell: (r) => number(r.delta_v_km_s, 4) },
     { key: "time_of_flight_days", title: "Flight", unit: "d", numeric: true, value, cell: (r) => number(r.time_of_flight_days, 1) },
     { key: "propellant_kg", title: "Propellant", unit: "kg", numeric: true, minor: true, value, cell: (r) => number(r.propellant_kg, 1) },
+    { key: "moon_altitude_km", title: "Lowest over Moon", unit: "km", numeric: true, minor: true, cell: (r) => (r.moon_altitude_km === null ? "–" : number(r.moon_altitude_km, 0)) },
     { key: "k", title: "k", numeric: true, minor: true, value, cell: (r) => String(r.k) },
     { key: "outages", title: "Outages", unit: "segment · d", minor: true, cell: (r) => outages(r) },
     { key: "search", title: "Search", minor: true, cell: (r) => el("a", { href: `/campaigns/${r.campaign_id}/searches/${encodeURIComponent(r.search)}` }, r.search) },
@@ -130,5 +131,6 @@ function outages(record) {
 /** @param {Record_} record */
 function tag(record) {
   if (record.strict) return null;
-  return el("small", { class: "tag" }, record.paper ? "paper only" : "not verified");
+  const level = record.paper ? "paper only" : "not verified";
+  return el("small", { class: "tag" }, record.is_marginal ? `${level}, marginal` : level);
 }

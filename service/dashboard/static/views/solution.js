@@ -65,6 +65,7 @@ function showRecord() {
     ["Final mass", number(record.objective_kg, 1, "kg")],
     ["Time of flight", number(record.time_of_flight_days, 2, "d")],
     ["Coast, thrust, coast", `${[record.initial_coast_days, record.shooting_days, record.final_coast_days].map((d) => number(d, 1)).join(" + ")}\u00a0d`],
+    ["Lowest over Earth, Moon", lowest()],
     ["Insertion", epoch(record.insertion_epoch)],
     ["Arrival", epoch(record.arrival_epoch)],
   ]);
@@ -75,8 +76,15 @@ function showRecord() {
 }
 
 function verdict() {
-  const [kind, words] = record.strict ? ["strict", "strict"] : record.paper ? ["paper", "paper only"] : ["none", "not verified"];
+  const [kind, level] = record.strict ? ["strict", "strict"] : record.paper ? ["paper", "paper only"] : ["none", "not verified"];
+  const words = record.is_marginal ? `${level}, marginal` : level;
   return [el("span", { class: "pill", "data-verdict": kind }, words), el("code", { id: "solution-id", title: record.id }, shortId(record.id))];
+}
+
+function lowest() {
+  const altitudes = [record.earth_altitude_km, record.moon_altitude_km];
+  // Solutions that were found by earlier versions were not looked at.
+  return altitudes.map((km) => (km === null ? "–" : number(km, 0, "km"))).join(", ");
 }
 
 /** @returns {[string, import("../dom.js").Child][]} */
