@@ -85,7 +85,6 @@ def _given_orbit(target: SpkTarget, departure_et: float, start: float, stop: flo
     return orbit_of(target.path, target.naif_id, *span, digest)
 
 
-@one_at_a_time
 def _nrho_kernel(
     problem: Problem,
     target: NrhoTarget,
@@ -97,17 +96,24 @@ def _nrho_kernel(
     folder = users_folder() if cache_folder is None else cache_folder
     path = folder / f"nrho-{_identity(target, departure_et, start, stop)}.bsp"
     if not is_sealed(path):
-        orbit = _records(_ballistic(problem, departure_et), departure_et, start, stop)
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            write_orbit(path, NRHO_ID, orbit, _provenance(target))
-            seal(path)
-        except (OSError, SpiceyError) as error:
-            raise KernelError(
-                f"kernel {path}: expected a place to write it, got "
-                f"{getattr(error, 'strerror', None) or getattr(error, 'short', error)}"
-            ) from error
+        # It takes seconds, for which nobody must wait for SPICE; of two that are made at once one is kept.
+        _write_once(path, _records(_ballistic(problem, departure_et), departure_et, start, stop), target)
     return path, NRHO_ID
+
+
+@one_at_a_time
+def _write_once(path: Path, orbit: ChebyshevOrbit, target: NrhoTarget) -> None:
+    if is_sealed(path):
+        return
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_orbit(path, NRHO_ID, orbit, _provenance(target))
+        seal(path)
+    except (OSError, SpiceyError) as error:
+        raise KernelError(
+            f"kernel {path}: expected a place to write it, got "
+            f"{getattr(error, 'strerror', None) or getattr(error, 'short', error)}"
+        ) from error
 
 
 def target_table(problem: Problem, cache_folder: Path | None = None) -> EphemerisTable:

@@ -1,6 +1,7 @@
 """The target as SPK and as table: read through SPICE, flown by SciPy, and refused where it must be."""
 
 import multiprocessing
+import threading
 from itertools import pairwise
 from pathlib import Path
 
@@ -10,9 +11,10 @@ import spiceypy
 from scipy.integrate import solve_ivp
 
 from core.constants import BODIES, GM_EARTH, GM_JUPITER, GM_MOON, GM_SUN, SECONDS_PER_DAY
-from core.ephemeris import furnish, state_at
+from core.ephemeris import body_table, furnish, state_at
 from core.ephemeris.daf import SpkError
 from core.ephemeris.spk import read_orbit
+from core.orbits import target
 from core.orbits.target import NRHO_WINDOW_DAYS, target_kernel, target_table
 from core.problem import load_problem, problem_from, seconds_past_j2000
 from core.units import LU_KM, TU_DAYS, VU_KM_S
@@ -178,3 +180,19 @@ def test_neighbouring_records_of_the_kernel_meet(kernel):
     alternating = (-1.0) ** np.arange(orbit.coefficients.shape[1])
     gaps = [np.abs(a.sum(axis=0) - alternating @ b).max() for a, b in pairwise(orbit.coefficients)]
     assert max(gaps) < 1e-6  # the defect that the correction leaves
+
+
+def test_spice_is_free_while_an_orbit_is_made(tmp_path, monkeypatch):
+    # Another thread reads ephemerides in the middle of it; with the lock of SPICE it would wait for its end.
+    tables = []
+
+    def meanwhile(*arguments):
+        reader = threading.Thread(target=lambda: tables.append(body_table(0.0, 0.0, 1.0)), daemon=True)
+        reader.start()
+        reader.join(60.0)
+        return made(*arguments)
+
+    made = target._ballistic
+    monkeypatch.setattr(target, "_ballistic", meanwhile)
+    target_kernel(PROBLEM, tmp_path)
+    assert len(tables) == 1
