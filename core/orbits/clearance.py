@@ -15,7 +15,8 @@ from core.ephemeris import EphemerisTable, body_table
 from core.ephemeris.tables import positions
 from core.orbits.spiral import departure_state
 from core.orbits.target import target_table, window_days
-from core.problem import FARTHEST_KM, Problem, SpkTarget, calendar_epoch
+from core.problem import Problem, SpkTarget, calendar_epoch
+from core.ranges import FARTHEST_KM
 from core.units import LU_KM, TU_DAYS
 
 Array = NDArray[np.float64]

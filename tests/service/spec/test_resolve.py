@@ -14,15 +14,13 @@ from core.ephemeris.kernels import planetary_kernel
 from core.ephemeris.spk import ChebyshevOrbit, write_orbit
 from core.ephemeris.tables import coefficients_through, record_nodes, state_at
 from core.problem import (
-    FARTHEST_KM,
-    FASTEST_KM_S,
-    RANGES,
     ProblemError,
     load_problem,
     problem_from,
     require_physical,
     seconds_past_j2000,
 )
+from core.ranges import FARTHEST_KM, FASTEST_KM_S, RANGES
 from core.units import LU_KM
 from service.spec import SpecError
 from service.spec.resolve import require_flyable
