@@ -30,7 +30,7 @@ NAMES = {EARTH: "Earth", MOON: "Moon", 10: "Sun", 5: "Jupiter"}
 
 INTEGRATOR = "scipy.integrate.DOP853"
 #: Relative tolerance per step, and the least that DOP853 takes.  Between them the defects of sensitive paths
-#: change by up to 0.01 km, most of it rounding, of which more steps make more.  So neither is right, and
+#: change by up to 0.02 km, most of it rounding, of which more steps make more.  So neither is right, and
 #: where a defect is near its limit the verdict is taken at both; docs/method.md, "Verification".
 RTOL, FINER_RTOL = 1e-13, 2.3e-14
 #: Absolute tolerance: it rules only where a component passes through zero [km, km/s].

@@ -25,7 +25,7 @@ from core.problem import Problem
 from core.tolerances import PAPER, STRICT, Tolerance, violation
 
 #: From this share of a limit to its inverse, a defect may be within the limit at one tolerance of the
-#: integrator and beyond it at another: a change by the other four fifths of it was never seen.
+#: integrator and beyond it at another: the largest change seen was a fifth of one.
 NEAR = 0.2
 
 # The planetary kernel; epochs are TDB throughout, so the leap seconds play no part.

@@ -86,6 +86,16 @@ def test_all_slips_are_told_at_once_and_a_stored_definition_is_read_all_the_same
     assert problem_from(problem.model_dump(mode="json")).hash == problem.hash
 
 
+@pytest.mark.parametrize("name", ["spacecraft.dry_mass_kg", "bounds.min_final_mass_kg"])
+def test_a_departure_without_propellant_is_refused(name):
+    part, field = name.split(".")
+    problem = changed(departure={"mass_kg": 4000.0}, spacecraft={"dry_mass_kg": 3000.0})
+    least = problem.model_copy(update={part: getattr(problem, part).model_copy(update={field: 4500.0})})
+    require_flyable(problem)
+    with pytest.raises(SpecError, match=rf"departure: .* above {name} = 4500 kg, got 4000 kg; correct"):
+        require_flyable(least)
+
+
 def test_a_file_of_a_problem_is_checked_as_well(tmp_path):
     (tmp_path / "p.toml").write_text('preset = "ppe-drm3"\nspacecraft = { isp_s = 2.0 }\n')
     with pytest.raises(ProblemError, match=r"problem\.spacecraft\.isp_s: expected 10 to"):
