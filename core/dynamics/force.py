@@ -176,7 +176,8 @@ def _pull_rate(gm: float, d: Array, rate: Array) -> Array:
     square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
     pull = gm / (square * np.sqrt(square))
     along = (d[0] * rate[0] + d[1] * rate[1] + d[2] * rate[2]) / square
-    return 3.0 * pull * along * d - pull * rate
+    out: Array = 3.0 * pull * along * d - pull * rate
+    return out
 
 
 @compiled

@@ -332,11 +332,13 @@ def _jerk(model: ForceModel, target: EphemerisTable, t: float, state: Array) -> 
         bodies, falling = np.empty((3, model.bodies.coefficients.shape[2])), np.empty((2, 3))
         states(model.bodies, t, bodies)
         fall(model, t, bodies, state, falling)
-        return falling[1]
+        own: Array = falling[1]
+        return own
     jerk, moon = np.empty(target.coefficients.shape[2]), np.empty(model.bodies.coefficients.shape[2])
     jerks(target, t, jerk)
     jerks(model.bodies, t, moon)
-    return jerk + moon[:3]
+    both: Array = jerk + moon[:3]
+    return both
 
 
 @compiled
