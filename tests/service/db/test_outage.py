@@ -11,6 +11,7 @@ from fastapi.testclient import TestClient
 
 from service.access.rights import Role
 from service.access.security import Access
+from service.api.jobs import HAND_IN
 from service.app import create_app
 from service.coordinator import Coordinator, Crew, coordinator
 from service.coordinator.history_reader import read_history
@@ -102,6 +103,7 @@ def asked(client, verb, path):
         "/api/v1/problems": {"preset": "ppe-drm3"},
         "/api/v1/jobs/claim": {"worker": worker_info().model_dump(), "n_jobs": 1},
         "/api/v1/jobs/heartbeat": {"worker": worker_info().model_dump()},
+        "/api/v1/jobs/hand-in": HAND_IN,
         "/api/v1/jobs/complete": {"job_id": 1, "attempt": 1, "outcome": {"ending": "crash"}},
         "/api/v1/jobs/complete-many": {
             "reports": [{"job_id": 1, "attempt": 1, "outcome": {"ending": "crash"}}]
