@@ -7,7 +7,7 @@ from sqlalchemy import bindparam, func, insert, literal_column, select
 from sqlalchemy.orm import Session
 
 from service.db.dialect import plain
-from service.db.tables import AttemptRow, CampaignRow, CaseRow, JobRow, SearchRow, SolutionRow
+from service.db.tables import AttemptRow, CampaignRow, CaseRow, JobRow, SearchRow, SolutionRow, SolveRow
 from service.scheduler.leases import LONGEST_BACKOFF_S
 from service.scheduler.sharing import Share, in_turn, mean_cost_s
 from service.store.specs import definition_of, layout_of_problem, search_spec
@@ -115,10 +115,20 @@ def _claimed(
     job.state, job.attempt, job.worker = "running", job.attempt + 1, worker
     job.lease_until, job.updated_at = now + lease_s, now
     message = message_of(session, turn, seeds)
-    if job.attempt > 1 and job.place is not None:
-        # Earlier attempts have handed in hops.
-        message = message.model_copy(update={"place": ChainPlace.model_validate(job.place)})
+    if job.attempt > 1 and (place := _place_of(session, job)):
+        message = message.model_copy(update={"place": place})
     return Claim(job_id=job.id, attempt=job.attempt, job=message)
+
+
+def _place_of(session: Session, job: JobRow) -> ChainPlace | None:
+    """Return where a chain goes on that has handed in hops, or None for its start."""
+    if job.place is None:
+        return None
+    place = ChainPlace.model_validate(job.place)
+    before = (SolveRow.job_id == job.id) & (SolveRow.hop < place.next_hop)
+    n_stored = session.scalar(select(func.count()).select_from(SolveRow).where(before))
+    # What was set aside since has to be found again.
+    return place if n_stored == place.next_hop - job.hop else None
 
 
 def message_of(session: Session, turn: Turn, seeds: dict[str, Any]) -> HopJob | MapJob:

@@ -272,6 +272,9 @@ def end_attempt(job: JobRow, ending: Ending, now: float) -> None:
         job.not_before = now + backoff_s(job.n_failures)
     job.state = _state_after(job, ending)
     job.ending, job.lease_until, job.is_cancelling, job.updated_at = ending.value, None, False, now
+    if job.state == "done":
+        # Nothing goes on there.
+        job.place = None
 
 
 def _state_after(job: JobRow, ending: Ending) -> str:

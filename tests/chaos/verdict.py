@@ -40,8 +40,11 @@ NEVER = {
     " LEFT JOIN attempt ON attempt.job_id = job.id AND next_state = 'done'"
     " GROUP BY job.id HAVING count(attempt.job_id) != 1",
     "a hop was stored twice": "SELECT job_id, hop FROM solve GROUP BY job_id, hop HAVING count(*) > 1",
-    "solves are not those of the accepted attempt": "SELECT solve.job_id FROM solve"
-    " JOIN attempt USING (job_id, attempt) WHERE next_state IS NOT 'done'",
+    "solves are not of the accepted attempt, or of those that handed in hops before": "SELECT solve.job_id"
+    " FROM solve JOIN attempt ON attempt.job_id = solve.job_id AND next_state = 'done'"
+    " WHERE solve.attempt > attempt.attempt"
+    " UNION ALL SELECT early.job_id FROM solve early JOIN solve late ON late.job_id = early.job_id"
+    " AND late.hop > early.hop AND late.attempt < early.attempt",
     "solves of a job are missing": "SELECT job.id, n_hops, count(solve.id) FROM job"
     " LEFT JOIN solve ON solve.job_id = job.id GROUP BY job.id HAVING count(solve.id) != n_hops",
     "an attempt is still open": "SELECT job_id, attempt FROM attempt WHERE ended_at IS NULL",

@@ -5,6 +5,7 @@ import signal
 
 import psutil
 import pytest
+from sqlalchemy import text
 
 from service.coordinator import Coordinator, Crew
 from service.db.check import check
@@ -97,6 +98,7 @@ def test_hops_are_stored_when_they_are_handed_in_and_the_next_attempt_begins_aft
     finish(store)
     assert content(store) == expected
     assert {one.state for one in check(store._database.place)} == {"ok"}
+    assert rows(store, "SELECT count(*) FROM job WHERE place IS NOT NULL") == [(0,)]
     attempts = rows(store, "SELECT hop, attempt FROM solve WHERE job_id = 1 ORDER BY hop")
     assert attempts == [(hop, 1 if hop < 5 else 2) for hop in range(N_HOPS)]
 
@@ -149,6 +151,19 @@ def test_losses_in_a_row_count_and_hops_in_between_forgive_them(store, clock):
         claim = claim_again(store, clock, claim)
         assert rows(store, "SELECT n_failures FROM job WHERE id = 1") == [(1,)]
     assert claim.job.place.next_hop == 7
+
+
+def test_a_chain_begins_anew_where_a_hop_was_set_aside_since(store, clock):
+    claim = store.claim("a", 1)[0]
+    store.hand_in(ticket(claim), part_of(claim, 0, 4))
+    store._database.write(
+        lambda session: session.execute(text("DELETE FROM solve WHERE job_id = 1 AND hop = 2"))
+    )
+    again = claim_again(store, clock, claim)
+    assert again.job.place is None
+    assert store.complete(ticket(again), run_fake(again.job)).state == "done" and hops(store) == list(
+        range(N_HOPS)
+    )
 
 
 def test_a_chain_that_is_stopped_goes_on_where_it_stood(store):
