@@ -24,7 +24,7 @@ from tests.chaos.command import FAILURES, STALE_LINE
 from tests.service.fake_coastarc import LEASE
 
 ROOT = Path(__file__).parents[2]
-RUNNER = "run_slowly"
+RUNNER = "run_handing_in"
 MARK = "COASTARC_CHAOS_MARK"
 #: How long processes may take to stop in order, and those that lost their parents to end by themselves [s].
 STOP_S, ORPHAN_S = 60.0, 15.0
