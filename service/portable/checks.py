@@ -4,7 +4,7 @@ Digests show damage; here what somebody may have written on purpose is held agai
 hashes from contents, and solves and solutions by the rules of `service.solutions.checks`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -12,11 +12,10 @@ import numpy as np
 from pydantic import ValidationError
 
 from core.analysis.verify import holds
-from core.faults import fault_lines
 from core.problem import Problem, content_hash
 from core.search import HopAddress
 from core.tolerances import PAPER, STRICT
-from service.portable.errors import PortableError
+from service.portable.errors import PortableError, first_fault
 from service.portable.lines import (
     CampaignLine,
     CertificateLine,
@@ -65,11 +64,26 @@ def require_campaign(line: CampaignLine, spec: Spec, known: Mapping[str, Spec]) 
 
 
 class ReadJob(NamedTuple):
-    """A job that has been read."""
+    """A job that has been read, as small as can be: there may be a million."""
 
-    facts: JobFacts
+    address: HopAddress
+    n_hops: int
     #: Its attempts with results.
     attempts: tuple[int, ...]
+
+
+class Work(NamedTuple):
+    """What the jobs of a campaign have in common."""
+
+    rng_seed: int
+    #: Of the problems, by search and case.
+    hashes: list[list[str]]
+    #: By search.
+    settings: tuple[Settings, ...]
+
+
+#: Before the jobs of a campaign are read.
+NO_WORK = Work(0, [], ())
 
 
 @dataclass(slots=True)
@@ -85,6 +99,7 @@ class Contents:
     found_at: dict[str, float] = field(default_factory=dict)
     #: Those of one campaign.
     jobs: list[ReadJob] = field(default_factory=list)
+    work: Work = NO_WORK
     #: Of the problems, as far as they have been asked for.
     facts: dict[str, ProblemFacts] = field(default_factory=dict)
 
@@ -93,6 +108,12 @@ class Contents:
         if problem_hash not in self.facts:
             self.facts[problem_hash] = facts_of(self.problems[problem_hash], problem_hash)
         return self.facts[problem_hash]
+
+    def job_facts(self, job: ReadJob) -> JobFacts:
+        """Return what the solves of a job have to agree with."""
+        search, case = job.address.search, job.address.case
+        about = self.facts_of(self.work.hashes[search][case])
+        return JobFacts(about, self.work.rng_seed, job.address, job.n_hops, self.work.settings[search])
 
 
 def require_provenance(line: ProvenanceLine, contents: Contents) -> None:
@@ -113,7 +134,7 @@ def require_solution_line(line: SolutionLine, contents: Contents) -> None:
         require_hash(thing, about, x, line.id)
     except UnsoundError as error:
         raise PortableError(str(error)) from error
-    contents.solutions[line.id] = (line.problem, line.objective_kg, line.paper, line.strict)
+    contents.solutions[line.id] = (about.hash, line.objective_kg, line.paper, line.strict)
 
 
 def require_certificate(line: CertificateLine, contents: Contents) -> None:
@@ -122,8 +143,7 @@ def require_certificate(line: CertificateLine, contents: Contents) -> None:
     try:
         content = CertificateContent.model_validate(line.content)
     except ValidationError as error:
-        (first, *_) = fault_lines(thing, error.errors(include_url=False), CertificateContent)
-        raise PortableError(first) from error
+        raise PortableError(first_fault(thing, error, CertificateContent)) from error
     if line.solution not in contents.solutions or line.solution != content.solution_id:
         raise PortableError(
             f"{thing}: expected one of a solution in the same file, got {content.solution_id}"
@@ -148,15 +168,8 @@ def is_own_verdict(content: CertificateContent) -> bool:
     return holds_level[content.level] and content.is_sound == is_sound
 
 
-def require_job(
-    line: JobLine,
-    number: int,
-    spec: Spec,
-    settings: Sequence[Settings],
-    hashes: list[list[str]],
-    contents: Contents,
-) -> None:
-    """Refuse a job outside of its search, or with a seed that is not there."""
+def require_job(line: JobLine, number: int, spec: Spec, contents: Contents) -> HopAddress:
+    """Return the address of a job; refuse one outside of its search, or with a seed that is not there."""
     if line.search >= len(spec.search):
         raise PortableError(f"job {number}: expected a search of the campaign, got number {line.search}")
     search = spec.search[line.search]
@@ -174,9 +187,8 @@ def require_job(
             raise PortableError(f"job {number}: expected a provenance in the same file, got another")
     made = tuple(attempt.attempt for attempt in line.attempts if attempt.provenance is not None)
     address = HopAddress(KIND_NUMBERS[line.kind], line.search, line.case, int(line.chain, 16), line.hop)
-    about = contents.facts_of(hashes[line.search][line.case])
-    facts = JobFacts(about, spec.campaign.rng_seed, address, line.n_hops, settings[line.search])
-    contents.jobs.append(ReadJob(facts, made))
+    contents.jobs.append(ReadJob(address, line.n_hops, made))
+    return address
 
 
 def require_solve_line(line: SolveLine, number: int, contents: Contents) -> None:
@@ -185,16 +197,17 @@ def require_solve_line(line: SolveLine, number: int, contents: Contents) -> None
     if line.job >= len(contents.jobs):
         raise PortableError(f"{thing}: expected a job of the campaign, got line {line.job}")
     job = contents.jobs[line.job]
+    facts = contents.job_facts(job)
     if line.attempt not in job.attempts:
         raise PortableError(f"{thing}: expected an attempt of its job, got {line.attempt}")
     try:
-        require_solve(thing, job.facts, line, len(line.defects), line.solution is not None)
+        require_solve(thing, facts, line, len(line.defects), line.solution is not None)
     except UnsoundError as error:
         raise PortableError(str(error)) from error
     if line.solution is None:
         return
     found = contents.solutions.get(line.solution)
-    if found is None or found[0] != job.facts.about.hash:
+    if found is None or found[0] != facts.about.hash:
         raise PortableError(f"{thing}: expected a solution of its problem, got {line.solution}")
     if found[2:] != (line.paper, line.strict):
         raise PortableError(f"{thing}: expected the levels of its solution, got others")

@@ -2,7 +2,8 @@
 
 Entries have one order, one date and one compression, so that who exports the same again gets the same file.
 Reading trusts nothing: names, sizes and digests are checked before a line is parsed, and no entry is
-unpacked beyond what the manifest says.
+unpacked beyond what the manifest says.  Zeros pack a thousand to one, so a small file may be large inside:
+what is in memory at once is bounded by a line, or by some small ones, and never depends on the whole.
 """
 
 import hashlib
@@ -10,14 +11,15 @@ import re
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
+from itertools import chain
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, Self, TypeVar
 
 from pydantic import ValidationError
 
-from core.faults import fault_lines
-from service.portable.errors import PortableError
+from service.portable.errors import PortableError, first_fault
 from service.portable.lines import Line, Manifest, Member
 
 #: Certificates came with version 2: without them a file is as it was, and who knew no other reads it.
@@ -25,6 +27,16 @@ VERSION, VERSION_WITH_CERTIFICATES = 1, 2
 MANIFEST, CERTIFICATES = "manifest.json", "certificates.ndjson"
 #: All entries together, one line of them, entries, and the manifest [B].
 MOST_BYTES, MOST_LINE_BYTES, MOST_MEMBERS, MOST_MANIFEST_BYTES = 4 * 2**30, 8 * 2**20, 5000, 2**20
+#: Numbers, texts and tables in one line: each takes a hundred bytes of memory however short it is.  The
+#: longest lines are solutions, with a vector and defects of 100,000 numbers at most.
+MOST_VALUES = 300_000
+#: Lines of one entry: ten times the jobs or solves of a large campaign.  Of each some 400 bytes stay in
+#: memory until the end, since others refer to it.
+MOST_LINES = 1_000_000
+#: Longest list of entries in a ZIP, which is read whole before anything else is known [B].
+MOST_LIST_BYTES = 2 * 2**20
+#: Lines that are in memory together, and their length; one longer than that is alone [B].
+LINES_AT_ONCE, BYTES_AT_ONCE = 2000, 2**20
 #: ZIP knows no earlier date, and a file mode.
 _DATE, _MODE = (1980, 1, 1, 0, 0, 0), 0o644 << 16
 _NAME = re.compile(
@@ -71,23 +83,35 @@ def _digested(content: Iterable[bytes], take: Callable[[bytes], object]) -> Memb
     return Member(n_bytes=n_bytes, blake2b=digest.hexdigest())
 
 
+class _InPieces:
+    """A file that is read in pieces alone, however long its list of entries says it is."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self.seek, self.tell, self.seekable = file.seek, file.tell, file.seekable
+
+    def read(self, n_bytes: int = -1) -> bytes:
+        if n_bytes > MOST_LIST_BYTES:
+            raise zipfile.BadZipFile(f"a list of more than {MOST_LIST_BYTES} bytes of entries")
+        return self._file.read(n_bytes)
+
+
 class Unpacked:
     """A portable file, opened for reading; all digests hold."""
 
     def __init__(self, content: Path | BinaryIO, name: str | None = None) -> None:
         #: What errors call it.
         self.name = name or str(content)
-        try:
-            self._packed = zipfile.ZipFile(content)
-        except (OSError, zipfile.BadZipFile, NotImplementedError) as error:
-            reason = getattr(error, "strerror", None) or error
-            raise self._fault("a portable file of a campaign", reason) from error
-        try:
+        with ExitStack() as opened:
+            try:
+                file = opened.enter_context(content.open("rb")) if isinstance(content, Path) else content
+                self._packed = opened.enter_context(zipfile.ZipFile(_InPieces(file)))
+            except (OSError, zipfile.BadZipFile, NotImplementedError) as error:
+                reason = getattr(error, "strerror", None) or error
+                raise self._fault("a portable file of a campaign", reason) from error
             self.manifest = self._read_manifest()
             self._check()
-        except BaseException:
-            self._packed.close()
-            raise
+            self._opened = opened.pop_all()
 
     def __enter__(self) -> Self:
         """Give the file; it is closed at the end of the block."""
@@ -97,7 +121,7 @@ class Unpacked:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Close the file."""
-        self._packed.close()
+        self._opened.close()
 
     @property
     def n_campaigns(self) -> int:
@@ -118,12 +142,32 @@ class Unpacked:
 
     def lines(self, name: str, kind: type[L]) -> Iterator[L]:
         """Yield the objects of an entry, line by line."""
+        return chain.from_iterable(self.batches(name, kind))
+
+    def batches(self, name: str, kind: type[L]) -> Iterator[list[L]]:
+        """Yield the objects of an entry, as many at once as take little memory."""
+        batch: list[L] = []
+        n_bytes = 0
         for number, text in enumerate(self._texts(name), 1):
-            try:
-                yield kind.model_validate_json(text)
-            except ValidationError as error:
-                (first, *_) = fault_lines(name, error.errors(include_url=False), kind)
-                raise PortableError(f"file {self.name}: line {number} of {first}") from error
+            if batch and (len(batch) >= LINES_AT_ONCE or n_bytes + len(text) > BYTES_AT_ONCE):
+                yield batch
+                batch, n_bytes = [], 0
+            batch.append(self._parsed(name, number, text, kind))
+            n_bytes += len(text)
+        if batch:
+            yield batch
+
+    def _parsed(self, name: str, number: int, text: bytes, kind: type[L]) -> L:
+        if number > MOST_LINES:
+            raise self._fault(f"at most {MOST_LINES} lines in {name}", "more")
+        # Those within texts count too: there are few.
+        if sum(map(text.count, (b",", b"[", b"{"))) > MOST_VALUES:
+            raise self._fault(f"at most {MOST_VALUES} values in line {number} of {name}", "more")
+        try:
+            return kind.model_validate_json(text)
+        except ValidationError as error:
+            first = first_fault(name, error, kind)
+            raise PortableError(f"file {self.name}: line {number} of {first}") from error
 
     def _texts(self, name: str) -> Iterator[bytes]:
         if name not in self.manifest.members:
@@ -146,8 +190,7 @@ class Unpacked:
         try:
             manifest = Manifest.model_validate_json(b"".join(self._pieces(MANIFEST)))
         except ValidationError as error:
-            (first, *_) = fault_lines(MANIFEST, error.errors(include_url=False), Manifest)
-            raise PortableError(f"file {self.name}: {first}") from error
+            raise PortableError(f"file {self.name}: {first_fault(MANIFEST, error, Manifest)}") from error
         if manifest.version not in (VERSION, VERSION_WITH_CERTIFICATES):
             known = f"version {VERSION} or {VERSION_WITH_CERTIFICATES}"
             raise self._fault(known, f"{manifest.version}; install a newer coastarc")

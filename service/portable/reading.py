@@ -1,12 +1,18 @@
-"""A portable file read and judged as a whole, before anything of it is stored."""
+"""A portable file read and judged line by line to its end, before anything of it is stored.
+
+It is read again when it is stored: some lines at a time are in memory, never a whole entry.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 from core.problem import Problem
+from core.search import HopAddress
 from service.portable.checks import (
     Contents,
+    Work,
     require_campaign,
     require_certificate,
     require_job,
@@ -50,26 +56,26 @@ class ReadFile:
     campaigns: list[ReadCampaign]
     contents: Contents
 
-    def provenances(self) -> Iterator[ProvenanceLine]:
-        """Yield the provenances."""
-        return self.unpacked.lines("provenance.ndjson", ProvenanceLine)
+    def provenances(self) -> Iterator[list[ProvenanceLine]]:
+        """Yield the provenances, some at a time."""
+        return self.unpacked.batches("provenance.ndjson", ProvenanceLine)
 
-    def solutions(self) -> Iterator[SolutionLine]:
-        """Yield the solutions."""
-        return self.unpacked.lines("solutions.ndjson", SolutionLine)
+    def solutions(self) -> Iterator[list[SolutionLine]]:
+        """Yield the solutions, some at a time."""
+        return self.unpacked.batches("solutions.ndjson", SolutionLine)
 
-    def certificates(self) -> Iterator[CertificateLine]:
-        """Yield the certificates, none of which need be there."""
+    def certificates(self) -> Iterator[list[CertificateLine]]:
+        """Yield the certificates, some at a time; none need be there."""
         if CERTIFICATES in self.unpacked.manifest.members:
-            yield from self.unpacked.lines(CERTIFICATES, CertificateLine)
+            yield from self.unpacked.batches(CERTIFICATES, CertificateLine)
 
-    def jobs(self, campaign: ReadCampaign) -> Iterator[JobLine]:
-        """Yield the jobs of a campaign."""
-        return self.unpacked.lines(f"{campaign.folder}/jobs.ndjson", JobLine)
+    def jobs(self, campaign: ReadCampaign) -> Iterator[list[JobLine]]:
+        """Yield the jobs of a campaign, some at a time."""
+        return self.unpacked.batches(f"{campaign.folder}/jobs.ndjson", JobLine)
 
-    def solves(self, campaign: ReadCampaign) -> Iterator[SolveLine]:
-        """Yield the solves of a campaign."""
-        return self.unpacked.lines(f"{campaign.folder}/solves.ndjson", SolveLine)
+    def solves(self, campaign: ReadCampaign) -> Iterator[list[SolveLine]]:
+        """Yield the solves of a campaign, some at a time."""
+        return self.unpacked.batches(f"{campaign.folder}/solves.ndjson", SolveLine)
 
 
 def read_all(unpacked: Unpacked, data: Path) -> ReadFile:
@@ -88,11 +94,11 @@ def read_all(unpacked: Unpacked, data: Path) -> ReadFile:
         for search in campaign.spec.search:
             problems |= {problem.hash: problem for problem in campaign.spec.problems_of(search)}
     read = ReadFile(unpacked, campaigns, Contents(problems))
-    for provenance in read.provenances():
+    for provenance in chain.from_iterable(read.provenances()):
         require_provenance(provenance, read.contents)
-    for solution in read.solutions():
+    for solution in chain.from_iterable(read.solutions()):
         require_solution_line(solution, read.contents)
-    for certificate in read.certificates():
+    for certificate in chain.from_iterable(read.certificates()):
         require_certificate(certificate, read.contents)
     for campaign in campaigns:
         _require_work(read, campaign)
@@ -118,17 +124,19 @@ def _campaigns(unpacked: Unpacked, data: Path) -> list[ReadCampaign]:
 
 
 def _require_work(read: ReadFile, campaign: ReadCampaign) -> None:
-    read.contents.jobs.clear()
-    addresses: set[tuple[int, str, int, str, int]] = set()
-    hashes, settings = campaign.hashes, [search.settings for search in campaign.spec.search]
-    for number, job in enumerate(read.jobs(campaign)):
-        require_job(job, number, campaign.spec, settings, hashes, read.contents)
-        if job.address in addresses:
+    contents, settings = read.contents, tuple(search.settings for search in campaign.spec.search)
+    contents.jobs.clear()
+    contents.work = Work(campaign.spec.campaign.rng_seed, campaign.hashes, settings)
+    addresses: set[HopAddress] = set()
+    for number, job in enumerate(chain.from_iterable(read.jobs(campaign))):
+        address = require_job(job, number, campaign.spec, contents)
+        if address in addresses:
             raise PortableError(f"job {number}: expected each address once, got {job.address} twice")
-        addresses.add(job.address)
-    hops = set()
-    for number, solve in enumerate(read.solves(campaign)):
-        require_solve_line(solve, number, read.contents)
-        if (solve.job, solve.hop) in hops:
+        addresses.add(address)
+    # Of a number each: there may be a million.
+    hops: set[int] = set()
+    for number, solve in enumerate(chain.from_iterable(read.solves(campaign))):
+        require_solve_line(solve, number, contents)
+        if (key := solve.job << 64 | solve.hop) in hops:
             raise PortableError(f"solve {number}: expected each hop of a job once, got {solve.hop} twice")
-        hops.add((solve.job, solve.hop))
+        hops.add(key)

@@ -2,8 +2,7 @@
 
 import math
 from collections.abc import Iterable, Iterator
-from itertools import islice
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from sqlalchemy import insert, select, text
@@ -32,7 +31,6 @@ from service.store.events import note
 from service.store.portable_rows import (
     ATTEMPT_COLUMNS,
     CERTIFICATE_COLUMNS,
-    CHUNK,
     JOB_COLUMNS,
     SOLUTION_COLUMNS,
     SOLVE_COLUMNS,
@@ -40,8 +38,8 @@ from service.store.portable_rows import (
 )
 from service.store.submission import add_cases
 
-T = TypeVar("T")
-
+#: As many as are inserted at once.
+Rows = list[dict[str, Any]]
 #: Search ids of a campaign by name.
 Searches = dict[str, int]
 
@@ -74,7 +72,7 @@ def take_in(session: Session, read: ReadFile, now: float) -> TakenIn:
         campaign_id = row.id
     n_solves = n_solutions = 0
     if new:
-        _add_new(session, ProvenanceRow, ({"hash": o.hash, "content": o.content} for o in read.provenances()))
+        _add_new(session, ProvenanceRow, _provenances(read))
         n_solutions = _add_new(session, SolutionRow, _solutions(read))
     for row, campaign in new:
         n_solves += _add_work(session, row, campaign, read)
@@ -139,25 +137,38 @@ def _searches_of(session: Session, row: CampaignRow) -> Searches:
     return {name: key for name, key in session.execute(query)}
 
 
-def _solutions(read: ReadFile) -> Iterator[dict[str, Any]]:
-    for line in read.solutions():
-        yield {name: getattr(line, name) for name in SOLUTION_COLUMNS} | {
-            "problem_hash": line.problem,
-            "x": np.array(line.x),
-            "defects": np.array(line.defects, dtype=np.float64),
-            "created_at": read.contents.found_at[line.id],
-        }
+def _provenances(read: ReadFile) -> Iterator[Rows]:
+    for lines in read.provenances():
+        yield [{"hash": line.hash, "content": line.content} for line in lines]
 
 
-def _certificates(read: ReadFile) -> Iterator[dict[str, Any]]:
-    for line in read.certificates():
-        yield {name: getattr(line, name) for name in CERTIFICATE_COLUMNS} | {
-            "solution_id": line.solution,
-            "basis": ELSEWHERE,
-            "level": line.content["level"],
-            "is_sound": line.content["is_sound"],
-            "content": line.content,
-        }
+def _solutions(read: ReadFile) -> Iterator[Rows]:
+    for lines in read.solutions():
+        yield [
+            {name: getattr(line, name) for name in SOLUTION_COLUMNS}
+            | {
+                "problem_hash": line.problem,
+                "x": np.array(line.x),
+                "defects": np.array(line.defects, dtype=np.float64),
+                "created_at": read.contents.found_at[line.id],
+            }
+            for line in lines
+        ]
+
+
+def _certificates(read: ReadFile) -> Iterator[Rows]:
+    for lines in read.certificates():
+        yield [
+            {name: getattr(line, name) for name in CERTIFICATE_COLUMNS}
+            | {
+                "solution_id": line.solution,
+                "basis": ELSEWHERE,
+                "level": line.content["level"],
+                "is_sound": line.content["is_sound"],
+                "content": line.content,
+            }
+            for line in lines
+        ]
 
 
 def _add_work(session: Session, row: CampaignRow, campaign: ReadCampaign, read: ReadFile) -> int:
@@ -166,7 +177,7 @@ def _add_work(session: Session, row: CampaignRow, campaign: ReadCampaign, read: 
     ids = [_searches_of(session, row)[name] for name in names]
     jobs = _add_jobs(session, ids, read.jobs(campaign))
     n_solves, spent = 0, {search_id: [0.0] for search_id in ids}
-    for lines in _some(read.solves(campaign)):
+    for lines in read.solves(campaign):
         rows = []
         for line in lines:
             job_id, search_id, _, _ = jobs[line.job]
@@ -184,7 +195,7 @@ def _add_work(session: Session, row: CampaignRow, campaign: ReadCampaign, read: 
             )
         session.connection().execute(insert(plain(SolveRow)), rows)
         n_solves += len(rows)
-        _add_new(session, SeedLinkRow, _links(lines, jobs))
+        _add_new(session, SeedLinkRow, [list(_links(lines, jobs))])
     _count(session, ids, jobs, spent)
     return n_solves
 
@@ -198,10 +209,10 @@ class _Job(NamedTuple):
     mapping: str | None
 
 
-def _add_jobs(session: Session, ids: list[int], lines: Iterable[JobLine]) -> list[_Job]:
+def _add_jobs(session: Session, ids: list[int], batches: Iterable[list[JobLine]]) -> list[_Job]:
     stored: list[_Job] = []
     statement = insert(plain(JobRow)).returning(plain(JobRow).c.id, sort_by_parameter_order=True)
-    for some in _some(lines):
+    for some in batches:
         rows = [
             {name: getattr(line, name) for name in JOB_COLUMNS}
             | {"search_id": ids[line.search], "case_index": line.case, "seed_id": line.seed}
@@ -238,16 +249,10 @@ def _count(session: Session, ids: list[int], jobs: list[_Job], spent: dict[int, 
     session.execute(text(fill_tallies_of(ids)))
 
 
-def _add_new(session: Session, table: type[Base], rows: Iterable[dict[str, Any]]) -> int:
+def _add_new(session: Session, table: type[Base], batches: Iterable[Rows]) -> int:
     """Insert rows whose keys are not taken; return how many."""
     session.flush()
     connection = session.connection()
     statement = INSERTS[connection.dialect.name](plain(table)).on_conflict_do_nothing()
     statement = statement.returning(*plain(table).primary_key)
-    return sum(len(connection.execute(statement, some).all()) for some in _some(rows))
-
-
-def _some(lines: Iterable[T]) -> Iterator[list[T]]:
-    left = iter(lines)
-    while some := list(islice(left, CHUNK)):
-        yield some
+    return sum(len(connection.execute(statement, rows).all()) for rows in batches if rows)

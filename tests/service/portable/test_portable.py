@@ -149,7 +149,9 @@ OTHERWISE = {
     "campaign": {"id", "name", "rng_seed"},
     "search": {"id", "campaign_id", "position", "strategy", "source_id", "served_s"}
     | {"n_planned", "n_solves", "cpu_seconds"},
-    "job": {"id", "search_id", "case_index", "seed_id", "not_before", "lease_until", "is_cancelling"},
+    "job": {"id", "search_id", "case_index", "seed_id", "not_before", "lease_until", "is_cancelling"}
+    # Without it a chain begins anew; the hops that it has are known, and not stored twice.
+    | {"place"},
     "attempt": {"job_id", "provenance_hash", "claimed_by"},
     "solve": {"id", "job_id", "search_id", "defects", "solution_id", "final_mass_kg"},
     "solution": {"problem_hash", "x", "defects", "created_at"},

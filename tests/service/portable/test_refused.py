@@ -212,6 +212,26 @@ def test_lines_without_end_are_refused(files, monkeypatch, store):
         take_in_file(store, files[0])
 
 
+@pytest.mark.parametrize(
+    ("limit", "reason"),
+    [
+        ("MOST_LIST_BYTES", "expected a portable file of a campaign, got a list of more than 1 bytes"),
+        ("MOST_LINES", r"expected at most 1 lines in .*\.ndjson, got more"),
+        ("MOST_VALUES", "expected at most 1 values in line 1 of .*, got more"),
+    ],
+)
+def test_long_lists_are_refused_before_they_are_in_memory(files, monkeypatch, store, limit, reason):
+    monkeypatch.setattr(container, limit, 1)
+    with pytest.raises(PortableError, match=reason):
+        take_in_file(store, files[0])
+
+
+def test_of_thousands_of_faults_only_the_number_is_told(files, store, tmp_path):
+    file = forged(files[0], tmp_path / "forged.zip", on_first(x=2000 * [[]]), "solutions.ndjson")
+    with pytest.raises(PortableError, match="expected SolutionLine, got 2000 faults"):
+        take_in_file(store, file)
+
+
 def test_a_failure_on_the_way_leaves_nothing(files, store):
     before = everything(store)
 
