@@ -42,8 +42,8 @@ def patterns():
 
 @pytest.fixture(scope="module")
 def known():
-    # Around a message stands the field or the search that it is about, and the address of what was asked.
-    return [re.compile(f"(?:[^;]*: )?{pattern}(?:; .*)?") for pattern in patterns()]
+    # Around a message stand the table, field or search that it is about, and the address of what was asked.
+    return [re.compile(rf"(?:[^;]*(?:: |\.))?{pattern}(?:; .*)?") for pattern in patterns()]
 
 
 def test_messages_are_quoted_and_found():

@@ -69,7 +69,7 @@ COMMANDS = {
     ),
     "example": ("service.cli.example:example", "Run an example from end to end."),
     "bench": ("service.cli.bench:bench", "Measure the numerics, reports and the service."),
-    "db": ("service.cli.db:db", "Upgrade, check, back up and restore an archive."),
+    "db": ("service.cli.db:db", "Upgrade, check, repair, back up and restore an archive."),
     "token": ("service.cli.token:token", "Make, list and revoke tokens."),
     "doctor": (
         "service.cli.doctor:doctor",

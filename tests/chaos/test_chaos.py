@@ -63,11 +63,14 @@ CRIMES = (
     ("DELETE FROM seed_link WHERE rowid = 1", "seed_link: expected the"),
     ("INSERT INTO seed_link SELECT seed_id, solution_id, mapping FROM seed_link", "no circle, got"),
     ("UPDATE attempt SET next_state = NULL WHERE job_id = 2", "not exactly one accepted outcome: [(2, 0)]"),
-    ("UPDATE attempt SET next_state = 'queued' WHERE job_id = 2", "those of the accepted attempt: [(2,)"),
+    (
+        "UPDATE attempt SET next_state = 'queued' WHERE job_id = 2",
+        "not exactly one accepted outcome: [(2, 0)]",
+    ),
     ("DELETE FROM solve WHERE job_id = 3 AND hop = 1", "solves of a job are missing: [(3, 2, 1)]"),
     (
-        "INSERT INTO attempt SELECT job_id, 2, worker, started_at, ended_at, ending, next_state, error,"
-        " provenance_hash FROM attempt WHERE job_id = 4",
+        "INSERT INTO attempt (job_id, attempt, worker, started_at, ended_at, ending, next_state)"
+        " SELECT job_id, 2, worker, started_at, ended_at, ending, next_state FROM attempt WHERE job_id = 4",
         "not exactly one accepted outcome: [(4, 2)]",
     ),
     ("UPDATE job SET attempt = 2 WHERE id = 1", "jobs [1]: expected to stay done by the same attempt"),

@@ -23,11 +23,13 @@ from workers.source import Faulty, StaleAttempt, Unreachable
 
 N_HOPS = 12
 #: Ten variables with two segments of control.
+BOX = (
+    np.array([0.0, 0.0, 0.0] + [0.0, -np.pi, -1.5] * 2 + [1.0]),
+    np.array([90.0, 30.0, 30.0] + [1.0, np.pi, 1.5] * 2 + [13.0]),
+)
 SMALL = SimpleNamespace(
-    bounds=(
-        np.array([0.0, 0.0, 0.0] + [0.0, -np.pi, -1.5] * 2 + [1.0]),
-        np.array([90.0, 30.0, 30.0] + [1.0, np.pi, 1.5] * 2 + [13.0]),
-    ),
+    bounds=BOX,
+    sampling_box=BOX,
     layout=Layout((TrajectoryLayout(0, 2, None),)),
 )
 

@@ -61,15 +61,17 @@ def test_the_reference_is_flown_as_it_is_and_another_integrator_agrees():
     assert found.strict and found.final_mass_kg[1] == outcome.x[-1]
 
 
-def test_costs_start_from_nothing_and_do_not_fall_with_the_duration():
+def test_costs_start_from_nothing_and_rise_with_the_duration():
+    # In the last segment of a burn, which an outage misses: each duration costs kilograms more than the one
+    # before it.  In a coast the costs are those of neighbouring local optima, tenths of a kilogram apart.
     seed, costs = None, []
-    for days in (1e-6, 1.0, 2.0):
-        seed = recovered(24, days, seed)
+    for days in (1e-6, 2.0, 6.0):
+        seed = recovered(10, days, seed)
         assert seed[1].is_feasible
         costs.append(optimum()[153] - seed[1].x[-1])
         seed = seed[0], seed[1].x
     assert costs[0] <= NOISE_KG
-    assert np.all(np.diff(costs) >= -NOISE_KG)
+    assert np.all(np.diff(costs) >= 1.0)
 
 
 def test_it_is_no_dearer_than_the_realization_of_p_1_on_the_same_reference():
