@@ -45,8 +45,8 @@ PATIENCE_S = 0.2
 IDLE_S = 1.0
 #: Time that running solves have to stop by themselves before they are killed, and that there is then to
 #: report what they had [s].
-GRACE_S = 3.0
-REPORT_S = 5.0
+GRACE_S = 1.5
+REPORT_S = 1.5
 #: Jobs of one claim, at most.
 MOST_CLAIMED = 1000
 #: How often the source may fail over a report, and be well in between, before it is given up.
@@ -380,6 +380,9 @@ class Dispatcher:
         for force, patience_s in ((False, GRACE_S), (True, REPORT_S)):
             for ticket in self._running:
                 self._executor.cancel(ticket, force)
+            if force:
+                # Whoever waits for our end may not wait until the coordinator answers.
+                self._keep()
             deadline = time.monotonic() + patience_s
             while (self._running or (force and self._unreported)) and time.monotonic() < deadline:
                 self._collect()

@@ -76,13 +76,18 @@ class _Child:
         printed = self._printed.read().decode(errors="replace").strip()
         return f"worker process: expected a reply, got exit code {self.process.wait()}\n{printed}".strip()
 
-    def leave(self) -> None:
-        """End the process, gently if it lets us, and close its pipes."""
-        assert self.process.stdin is not None and self.process.stdout is not None
+    def dismiss(self) -> None:
+        """Tell the process to end."""
+        assert self.process.stdin is not None
         try:
             self.process.stdin.close()
         except OSError:
             pass  # A child that died first leaves unflushed orders behind.
+
+    def leave(self) -> None:
+        """End the process, gently if it lets us, and close its pipes."""
+        assert self.process.stdout is not None
+        self.dismiss()
         try:
             self.process.wait(LEAVE_SECONDS)
         except subprocess.TimeoutExpired:
@@ -172,7 +177,9 @@ class ProcessPool:
                     child.send({"cancel": list(ticket)})
 
     def close(self) -> None:
-        """End all processes."""
+        """End all processes, which leave at the same time."""
+        for child in self._children:
+            child.dismiss()
         for child in self._children:
             child.leave()
         self._children = []

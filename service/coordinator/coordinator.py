@@ -3,11 +3,13 @@
 import hashlib
 import platform
 import re
+import signal
 import socket
 import sys
 import threading
 import time
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -23,7 +25,7 @@ from service.coordinator.connections import PatientProtocol, most_connections
 from service.coordinator.history_reader import read_history
 from service.coordinator.lock import FolderLock
 from service.coordinator.reaper import Reaper
-from service.coordinator.supervisor import Supervisor
+from service.coordinator.supervisor import LEAVE_S, Supervisor
 from service.db.engine import Unavailable, WriteFault, unusable
 from service.scheduler.leases import LeaseSettings
 from service.settings import Settings
@@ -33,6 +35,8 @@ from workers.outage import Outage
 
 #: How long the web server may take to start or to stop [s].
 SERVER_PATIENCE_S = 10.0
+#: How long a dispatcher may take to leave a Ray cluster, which ends slowly [s].
+LEAVE_CLUSTER_S = 20.0
 #: How long a thread computes before another one may.  A claim waits for its turn after each
 #: step of a query, beside each reader for as long as this; Python's own is 5 ms [s].
 SWITCH_S = 5e-4
@@ -75,6 +79,21 @@ def local_prefix(name: str) -> str:
     return f"local:{name}:"
 
 
+@contextmanager
+def _deaf_to_signals() -> Iterator[None]:
+    """Let no second Ctrl-C or SIGTERM break an end that is under way and bounded in time."""
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
 def open_port(host: str, port: int) -> socket.socket:
     """Return a bound socket; port 0 takes any that is free."""
     listener = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM)
@@ -110,7 +129,7 @@ class WebServer:
             log_level="warning",
             access_log=False,
             proxy_headers=False,
-            timeout_graceful_shutdown=2,
+            timeout_graceful_shutdown=1,
             http=PatientProtocol,
             limit_concurrency=most_connections(),
         )
@@ -132,9 +151,13 @@ class WebServer:
         """Whether requests are answered."""
         return self._thread.is_alive()
 
-    def stop(self) -> None:
-        """End the streams, then the server."""
+    def end_streams(self) -> None:
+        """End the streams; everything else is answered still."""
         self._closing.set()
+
+    def stop(self) -> None:
+        """End the server."""
+        self.end_streams()
         self._server.should_exit = True
         self._thread.join(SERVER_PATIENCE_S)
 
@@ -184,15 +207,17 @@ class Coordinator:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Stop in the order of the data: solves, then pages, then the archive."""
-        if self._supervisor is not None:
-            self._supervisor.stop()
-        self._stop.set()
-        for thread in self._threads:
-            thread.join()
-        self._server.stop()
-        self.store.close()
-        self._lock.__exit__()
+        """Stop in the order of the data: streams, then solves and their reports, then the archive."""
+        with _deaf_to_signals():
+            self._server.end_streams()
+            self._stop.set()
+            if self._supervisor is not None:
+                self._supervisor.stop()
+            for thread in self._threads:
+                thread.join()
+            self._server.stop()
+            self.store.close()
+            self._lock.__exit__()
 
     def _opened(self) -> Store:
         """Return the archive; a database server that does not answer yet is waited for."""
@@ -236,7 +261,8 @@ class Coordinator:
                 prefix=local_prefix(self._name),
             )
 
-        supervisor = self._supervisor = Supervisor(order)
+        leave_s = LEAVE_CLUSTER_S if crew.executor is ExecutorKind.RAY else LEAVE_S
+        supervisor = self._supervisor = Supervisor(order, leave_s)
         self._server.app.state.trouble = lambda: supervisor.trouble
         supervisor.start()
 

@@ -26,15 +26,17 @@ log = logging.getLogger(__name__)
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 30.0
 #: A child that has lived so long was well: the next pause is short again [s].
 WELL_S = 60.0
-#: How long a child may take to stop solves, to report them and to leave its cluster, before it is killed [s].
-LEAVE_S = 20.0
+#: How long a child may take to stop solves and to report them before it is killed; what it has not reported
+#: by then is in its outbox [s].
+LEAVE_S = 3.5
 
 
 class Supervisor:
     """One child after the other, each with an order of its own."""
 
-    def __init__(self, order: Callable[[], DispatchOrder]) -> None:
+    def __init__(self, order: Callable[[], DispatchOrder], leave_s: float = LEAVE_S) -> None:
         self._order = order
+        self._leave_s = leave_s
         self._stop = threading.Event()
         self._lock = threading.Lock()
         self._child: subprocess.Popen[str] | None = None
@@ -71,9 +73,10 @@ class Supervisor:
             if child is not None:
                 _tell(child, "stop\n")
         if child is not None:
-            self._thread.join(LEAVE_S)
+            self._thread.join(self._leave_s)
             if self._thread.is_alive():
-                log.warning("dispatcher: expected to stop in %.0f s, got none; it is killed", LEAVE_S)
+                text = "dispatcher: expected to stop in %.1f s, got none; it is killed"
+                log.warning(text, self._leave_s)
                 child.kill()
         self._thread.join()
 
