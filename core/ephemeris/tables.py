@@ -7,6 +7,7 @@ Units: LU, TU past an origin epoch; epochs of the Python functions are days past
 """
 
 import math
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -25,8 +26,9 @@ Array = NDArray[np.float64]
 #: Coefficients of a record that `positions` takes for granted.
 MIN_COEFFICIENTS = 8
 
-#: Records of `body_table` [days] and their coefficients: degree 7 over a day leaves 0.2 mm for the Moon.
-BODY_RECORD_DAYS = 1.0
+#: Records of `body_table` [days] and their coefficients: degree 7 over a day leaves 0.2 mm for the Moon, over
+#: half a day less than rounding does.
+BODY_RECORD_DAYS, FINE_RECORD_DAYS = 1.0, 0.5
 BODY_COEFFICIENTS = MIN_COEFFICIENTS
 
 
@@ -48,7 +50,9 @@ class EphemerisTable(NamedTuple):
 
 
 @one_at_a_time
-def body_table(origin_et: float, start_days: float, stop_days: float) -> EphemerisTable:
+def body_table(
+    origin_et: float, start_days: float, stop_days: float, is_fine: bool = False
+) -> EphemerisTable:
     """Return the geocentric positions of `core.constants.BODIES` as DE440 has them.
 
     Parameters
@@ -57,6 +61,9 @@ def body_table(origin_et: float, start_days: float, stop_days: float) -> Ephemer
         Epoch from which the table counts time [TDB s past J2000].
     start_days, stop_days : float
         Span [days past the origin]; the last record may reach further.
+    is_fine : bool
+        Whether trajectories are flown by it, whose Moon may be off by micrometres only: low passages
+        magnify the rest. Departures and orbits of the target keep the coarse table by which they are known.
 
     Returns
     -------
@@ -73,23 +80,38 @@ def body_table(origin_et: float, start_days: float, stop_days: float) -> Ephemer
         raise EpochError(
             f"span: expected start < stop, got {start_days} and {stop_days} days past the origin"
         )
-    n_records = math.ceil((stop_days - start_days) / BODY_RECORD_DAYS)
+    record_days = FINE_RECORD_DAYS if is_fine else BODY_RECORD_DAYS
+    n_records = math.ceil((stop_days - start_days) / record_days)
     first = origin_et + start_days * SECONDS_PER_DAY
-    last = first + n_records * BODY_RECORD_DAYS * SECONDS_PER_DAY
+    last = first + n_records * record_days * SECONDS_PER_DAY
     if not (KERNEL_SPAN[0] <= first and last <= KERNEL_SPAN[1]):
         raise EpochError(
             f"epoch: expected {calendar_epoch(KERNEL_SPAN[0])}..{calendar_epoch(KERNEL_SPAN[1])} (DE440), "
             f"got {calendar_epoch(first)}..{calendar_epoch(last)}"
         )
 
-    nodes = record_nodes(first, BODY_RECORD_DAYS * SECONDS_PER_DAY, n_records, BODY_COEFFICIENTS)
-    samples = [[_body_positions(et) for et in record] for record in nodes]
+    begin = start_days * SECONDS_PER_DAY if is_fine else first
+    nodes = record_nodes(begin, record_days * SECONDS_PER_DAY, n_records, BODY_COEFFICIENTS)
+    position = partial(_bridged_positions, origin_et) if is_fine else _body_positions
+    samples = [[position(time) for time in record] for record in nodes]
     coefficients = coefficients_through(np.array(samples) / LU_KM)
-    return EphemerisTable(start_days / TU_DAYS, BODY_RECORD_DAYS / TU_DAYS, coefficients)
+    return EphemerisTable(start_days / TU_DAYS, record_days / TU_DAYS, coefficients)
 
 
 def _body_positions(et: float) -> Array:
     return np.concatenate([spiceypy.spkpos(body, et, "J2000", "NONE", "EARTH")[0] for body in BODIES])
+
+
+def _bridged_positions(origin_et: float, seconds: float) -> Array:
+    """Return positions (9,) [km] some seconds past an origin, free of the grid of seconds past J2000.
+
+    On it the Moon is off by up to 6e-8 km; derivatives of the polynomials make 1e-10 km/s of that, and low
+    passages 0.1 km of both.
+    """
+    et = origin_et + seconds
+    rest = seconds - (et - origin_et)
+    found = [spiceypy.spkezr(body, et, "J2000", "NONE", "EARTH")[0] for body in BODIES]
+    return np.concatenate([state[:3] + rest * state[3:] for state in found])
 
 
 def record_nodes(start: float, record: float, n_records: int, n_coefficients: int) -> Array:

@@ -282,7 +282,7 @@ def _setting(reference: Problem) -> _Setting:
     et, position, velocity, mass = departure_state(reference.departure, reference.spacecraft)
     start, stop = window_days(reference)
     # Room for pictures that follow the target past the latest arrival.
-    bodies = body_table(et, min(start, -_ROOM_DAYS), stop + _ROOM_DAYS)
+    bodies = body_table(et, min(start, -_ROOM_DAYS), stop + _ROOM_DAYS, is_fine=True)
     departure = np.concatenate([position, velocity, [mass]]) / STATE_SCALE
     return _Setting(force_model(reference, bodies), target_table(reference), departure)
 

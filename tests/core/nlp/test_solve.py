@@ -75,7 +75,7 @@ def test_a_solve_runs_one_thread_whatever_its_process_does(flown):
 
 def test_the_outcome_says_what_its_vector_is_worth(flown, solved):
     again = verify(PRESET, solved.x).defects
-    # Metres: the verifier's tolerance and the joints of tables, magnified along 90 days.
+    # Metres: the verifier's tolerance and the joints of the orbit, magnified along 90 days.
     np.testing.assert_allclose(solved.defects[:, :3], again[:, :3], rtol=0, atol=0.02)
     # Never less than its defects say; more where the integrator's tolerance makes them doubtful.
     assert violation(solved.defects) <= solved.violation <= 1.0
