@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 import core
-from core.nlp import Outcome, SolveSettings
+from core.nlp import ExitStatus, Outcome, SolveSettings
 from core.problem import Problem, problem_from
 from core.search import (
     Chain,
@@ -300,7 +300,8 @@ def _record(
 
 def _judged(problem: Problem, outcome: Outcome) -> dict[str, Any]:
     """Return vector, facts and certificate of a solution, or nothing if it is none."""
-    if violation(outcome.defects, PAPER) > 1.0:
+    # The verifier lets pass what touches no surface.
+    if outcome.status is ExitStatus.IMPACT or violation(outcome.defects, PAPER) > 1.0:
         return {}
     stopwatch = Stopwatch()
     verification = core.verify(problem, outcome.x)

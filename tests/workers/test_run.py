@@ -102,6 +102,13 @@ def test_what_the_verifier_refuses_is_no_solution(monkeypatch):
     assert solve.is_feasible and solve.ending is Ending.INFEASIBLE and solve.x is None
 
 
+def test_a_path_through_a_body_is_no_solution_though_it_is_closed(monkeypatch):
+    numerics = Numerics(monkeypatch, [outcome(ExitStatus.IMPACT, GOOD)])
+    (solve,) = run.run_job(hop_job()).solves
+    assert solve.ending is Ending.INFEASIBLE and solve.x is None and solve.status == "IMPACT"
+    assert numerics.n_verified == 0
+
+
 def test_a_defect_that_is_not_finite_is_a_numerical_ending(monkeypatch):
     Numerics(monkeypatch, [outcome(ExitStatus.NOT_FINITE, float("nan"))])
     found = run.run_job(hop_job())
