@@ -85,6 +85,9 @@ def compiled(kernel: Kernel) -> Kernel:
     The arithmetic is strictly IEEE.  With fused multiply-adds the compiler rounds a function differently in
     each place that it is inlined, and then a process that compiles and one that loads disagree.
     """
+    if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
+        # As where the documentation is made: a kernel is then the function that it is written as.
+        return kernel
     dispatcher: Any = numba.njit(cache=True, error_model="numpy")(kernel)
     cache = dispatcher._cache
     files = cache._cache_file
