@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from service.check import Check
+from service.coordinator.lock import openness
 
 GIGABYTE = 1e9
 #: A campaign of 10,000 solutions needs about a tenth of this.
@@ -107,6 +108,9 @@ def _disk(folder: Path) -> Check:
         return Check(name="disk", state="failed", found=f"{existing} is read-only", advice="use --data")
     if free < LEAST_FREE_BYTES:
         return Check(name="disk", state="warning", found=found, advice="free some space, or use --data")
+    if existing == folder and (fault := openness(folder)):
+        found, _, advice = fault.partition("; ")
+        return Check(name="disk", state="warning", found=found, advice=advice)
     return Check(name="disk", state="ok", found=found)
 
 

@@ -58,7 +58,10 @@ class Outbox:
         draft = path.with_name(f"{path.name}.{os.getpid()}")
         try:
             folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-            draft.write_text(report.model_dump_json(), encoding="utf-8")
+            # Results are for their owner alone, as the archive is.
+            descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+            with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
+                stream.write(report.model_dump_json())
             draft.replace(path)
         except OSError as error:
             log.error("outcome of job %d: expected room for %s, got %s", report.job_id, path, error)

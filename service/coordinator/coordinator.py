@@ -1,6 +1,7 @@
 """A coordinator: archive, web server, what runs beside them, and the dispatcher that it keeps as a child."""
 
 import hashlib
+import logging
 import platform
 import re
 import signal
@@ -23,7 +24,7 @@ from service.access.security import Access, access_on
 from service.app import create_app
 from service.coordinator.connections import PatientProtocol, most_connections
 from service.coordinator.history_reader import read_history
-from service.coordinator.lock import FolderLock
+from service.coordinator.lock import FolderLock, openness
 from service.coordinator.reaper import Reaper
 from service.coordinator.supervisor import LEAVE_S, Supervisor
 from service.db.engine import Unavailable, WriteFault, unusable
@@ -32,6 +33,8 @@ from service.settings import Settings
 from service.store import Store
 from workers.dispatch import RUNNER, DispatchOrder, ExecutorKind
 from workers.outage import Outage
+
+log = logging.getLogger(__name__)
 
 #: How long the web server may take to start or to stop [s].
 SERVER_PATIENCE_S = 10.0
@@ -189,6 +192,8 @@ class Coordinator:
         with ExitStack() as opened:
             listener = opened.enter_context(open_port(*self._address))
             opened.enter_context(self._lock)
+            if open_to_others := openness(self._folder):
+                log.warning("%s", open_to_others)
             self.store = opened.enter_context(self._opened())
             self._name = local_name(self._folder, self._lock.folder_id)
             self.n_recovered = self.store.recover(local_prefix(self._name))

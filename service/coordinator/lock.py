@@ -61,6 +61,14 @@ class FolderLock:
         os.close(self._descriptor)
 
 
+def openness(folder: Path) -> str | None:
+    """Return what is wrong with a data folder that others may look into, with the remedy."""
+    mode = folder.stat().st_mode & 0o777
+    if os.name == "nt" or not mode & 0o077:
+        return None
+    return f"data folder {folder}: expected mode 0700, got {mode:04o}; chmod 700 it"
+
+
 def _read(descriptor: int) -> tuple[str, str]:
     """Return whose process has, or had, the folder, and its id: a new one where it has none."""
     words = os.read(descriptor, 64).decode("ascii", "replace").split()

@@ -154,7 +154,8 @@ def _write(connection: Connection, aside: Aside, file: Path) -> None:
         for key in connection.execute(attempts):
             rows["attempt"].setdefault(tuple(key), why)
     try:
-        with file.open("x", encoding="utf-8") as out:
+        descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        with os.fdopen(descriptor, "w", encoding="utf-8") as out:
             for name, keys in rows.items():
                 for key, why in keys.items():
                     stored = select(*map(_as_stored, TABLES[name].c)).where(_is_row(TABLES[name], key))

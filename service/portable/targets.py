@@ -74,7 +74,7 @@ def _place(folder: Path, entry: str) -> Path:
 
 def _write(place: Path, content: bytes) -> None:
     try:
-        place.parent.mkdir(parents=True, exist_ok=True)
+        place.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         descriptor, draft = tempfile.mkstemp(dir=place.parent)
         with os.fdopen(descriptor, "wb") as stream:
             stream.write(content)

@@ -9,7 +9,7 @@ from workers.backoff import Backoff
 from workers.dispatcher import MOST_FAULTS, Dispatcher
 from workers.executor import Ticket
 from workers.inline import Inline
-from workers.job import CompleteAnswer, Ending, HeartbeatAnswer, HeldJob, job_digest
+from workers.job import CompleteAnswer, CompleteRequest, Ending, HeartbeatAnswer, HeldJob, job_digest
 from workers.outbox import Outbox
 from workers.source import Faulty, Refused, Unacceptable, Unreachable
 
@@ -176,3 +176,11 @@ def test_a_file_that_is_no_report_is_left_and_told_of(outbox, caplog):
     (outbox.folder / "job-1-attempt-1.json").write_text("{")
     assert dispatcher_on(ListSource(0), outbox).held() == []
     assert files(outbox) == ["job-1-attempt-1.json"] and "left where it is" in caplog.text
+
+
+def test_what_waits_is_for_its_owner_alone(outbox):
+    report = CompleteRequest(job_id=1, attempt=1, outcome=run_fake(hop_job()))
+    outbox.put(report)
+    outbox.set_aside(report)
+    modes = {path.is_dir(): path.stat().st_mode & 0o777 for path in outbox.folder.rglob("*")}
+    assert modes == {True: 0o700, False: 0o600}
