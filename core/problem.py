@@ -9,7 +9,7 @@ import hashlib
 import itertools
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -234,6 +234,25 @@ class Outage(_Strict):
     duration_days: Annotated[float, Field(gt=0, le=LONGEST_OUTAGE_DAYS)]
 
 
+def _ordered_outages(outages: tuple[Outage, ...], n_segments: int) -> tuple[Outage, ...]:
+    """Return outages in the order of x, or raise ValueError where a problem cannot have them together."""
+    last = n_segments - 1
+    for outage in outages:
+        if outage.segment > last:
+            raise ValueError(
+                f"outages: expected a segment in 1..{last} (one must remain after the missed one), "
+                f"got {outage.segment}"
+            )
+    ordered = sorted(outages, key=lambda outage: (outage.segment, outage.duration_days))
+    for first, second in itertools.pairwise(ordered):
+        if first == second:
+            raise ValueError(
+                f"outages: expected different outages, got segment {first.segment} with "
+                f"{first.duration_days} days twice"
+            )
+    return tuple(ordered)
+
+
 class Problem(_Strict):
     """P_k: one reference trajectory and k realizations, one per outage."""
 
@@ -252,21 +271,8 @@ class Problem(_Strict):
 
     @model_validator(mode="after")
     def _outages_possible(self) -> Self:
-        last = self.n_segments - 1
-        for outage in self.outages:
-            if outage.segment > last:
-                raise ValueError(
-                    f"outages: expected a segment in 1..{last} (one must remain after the missed one), "
-                    f"got {outage.segment}"
-                )
-        ordered = sorted(self.outages, key=lambda outage: (outage.segment, outage.duration_days))
-        for first, second in itertools.pairwise(ordered):
-            if first == second:
-                raise ValueError(
-                    f"outages: expected different outages, got segment {first.segment} with "
-                    f"{first.duration_days} days twice"
-                )
-        object.__setattr__(self, "outages", tuple(ordered))
+        ordered = _ordered_outages(self.outages, self.n_segments)
+        object.__setattr__(self, "outages", ordered)
         return self
 
     @model_validator(mode="after")
@@ -322,10 +328,33 @@ class Problem(_Strict):
         listed = [{"segment": segment, "duration_days": duration} for segment, duration in outages]
         return problem_from(self.model_dump(mode="json") | {"outages": listed})
 
+    def with_cases(self, cases: Iterable[Iterable[tuple[int, float]]]) -> "list[Problem]":
+        """Return this problem with the outages of each case; what the cases share is validated once.
+
+        All but their outages are the same objects, by which `hashes_of` knows a family.
+        """
+        members: list[Problem] = []
+        for case in cases:
+            listed = list(case)
+            members.append(members[0]._beside(listed) if members else self.with_outages(listed))
+        return members
+
+    def _beside(self, case: list[tuple[int, float]]) -> "Problem":
+        """Return a validated problem with other outages, of which alone something may be wrong."""
+        try:
+            outages = tuple(Outage(segment=segment, duration_days=days) for segment, days in case)
+            return self.model_copy(update={"outages": _ordered_outages(outages, self.n_segments)})
+        except ValueError:
+            # Says what is wrong in the words of a problem.
+            return self.with_outages(case)
+
     @property
     def hash(self) -> str:
         """Identity of the problem: its definition, its kernels and its constants (32 hex digits)."""
-        return content_hash(
+        return content_hash(self._identity())
+
+    def _identity(self) -> dict[str, Any]:
+        return (
             {"schema": SCHEMA_VERSION, "target_file": self._target_digest()}
             | _WORLD
             | self.model_dump(mode="json", exclude={"target": {"path", "digest"}})
@@ -355,9 +384,53 @@ def require_departure_mass(problem: Problem, mass_kg: float) -> None:
         )
 
 
+def hashes_of(problems: Sequence[Problem]) -> list[str]:
+    """Return the hash of each problem, several times quicker than one by one for those of `with_cases`."""
+    if not problems:
+        return []
+    first = problems[0]
+    shared = _canonical(first._identity())
+    return [
+        _canonical_hash(shared | {"outages": _canonical(_fields_of_outages(problem))})
+        if _is_of_one_family(first, problem)
+        else problem.hash
+        for problem in problems
+    ]
+
+
+def definitions_of(problems: Sequence[Problem]) -> list[dict[str, Any]]:
+    """Return each problem as plain data with every field written out; what they share is the same data."""
+    if not problems:
+        return []
+    first = problems[0]
+    shared = first.model_dump(mode="json")
+    return [
+        shared | {"outages": _fields_of_outages(problem)}
+        if _is_of_one_family(first, problem)
+        else problem.model_dump(mode="json")
+        for problem in problems
+    ]
+
+
+def _is_of_one_family(first: Problem, other: Problem) -> bool:
+    """Return whether all but the outages are the same objects: equal zeros may differ in sign."""
+    return all(getattr(first, name) is getattr(other, name) for name in _SHARED)
+
+
+_SHARED = tuple(name for name in Problem.model_fields if name != "outages")
+
+
+def _fields_of_outages(problem: Problem) -> list[dict[str, Any]]:
+    return [{"segment": one.segment, "duration_days": one.duration_days} for one in problem.outages]
+
+
 def content_hash(content: Any) -> str:
     """Return the blake2b-128 hash of nested plain data: keys sorted, floats in hexadecimal."""
-    text = json.dumps(_canonical(content), sort_keys=True, separators=(",", ":"))
+    return _canonical_hash(_canonical(content))
+
+
+def _canonical_hash(canonical: Any) -> str:
+    text = json.dumps(canonical, sort_keys=True, separators=(",", ":"))
     return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
 

@@ -126,7 +126,7 @@ class Client:
                 "POST", "/campaigns", schemas.CampaignView, json=fields, headers=headers, timeout=SUBMISSION_S
             )
         )
-        return view, status == 201
+        return view, status in (201, 202)
 
     def import_campaign(self, file: Path) -> TakenInView:
         """Send a portable file, of which all is taken in or nothing."""

@@ -7,7 +7,7 @@ cannot be from the present state is refused with 409.
 
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Body, Header, Path, Response
+from fastapi import APIRouter, BackgroundTasks, Body, Header, Path, Request, Response
 
 from service.api.context import HeavyHere, Id, StoreHere
 from service.api.jobs import CONFLICT
@@ -42,29 +42,39 @@ Weight = Annotated[WeightWanted, Body(examples=[{"weight": 2.0}])]
 Priority = Annotated[PriorityWanted, Body(examples=[{"priority": -1}])]
 
 
-@router.post("/campaigns", status_code=201, responses={200: {"model": CampaignView}, **CONFLICT})
+@router.post(
+    "/campaigns",
+    status_code=201,
+    responses={200: {"model": CampaignView}, 202: {"model": CampaignView}, **CONFLICT},
+)
 async def submit_campaign(
     spec: Annotated[dict[str, Any], Body(examples=[EXAMPLE])],
     store: StoreHere,
     heavy: HeavyHere,
+    request: Request,
     response: Response,
+    afterwards: BackgroundTasks,
     idempotency_key: Key = None,
 ) -> CampaignView:
     """Submit a campaign; the same specification again is the same campaign (200).
 
+    A large one is answered (202) before all of its jobs are planned: a search waits until its own are.
     With an `Idempotency-Key` another specification under the same key is refused (409, `key_reused`).
     """
-    view, is_new = await heavy.run(_submitted, store, spec, idempotency_key)
-    response.status_code = 201 if is_new else 200
+    view, is_new, is_planned = await heavy.run(_submitted, store, spec, idempotency_key)
+    response.status_code = (201 if is_planned else 202) if is_new else 200
+    if not is_planned:
+        # What is cut off by the end of the process, the next coordinator of the archive plans.
+        afterwards.add_task(store.plan_rest, view.id, request.app.state.is_closing)
     response.headers["location"] = f"/api/v1/campaigns/{view.id}"
     return view
 
 
-def _submitted(store: Store, spec: dict[str, Any], key: str | None) -> tuple[CampaignView, bool]:
+def _submitted(store: Store, spec: dict[str, Any], key: str | None) -> tuple[CampaignView, bool, bool]:
     specification = spec_from(spec)
     require_flyable(specification.problem)
-    campaign_id, is_new = store.submit(specification, key)
-    return store.campaign(campaign_id), is_new
+    campaign_id, is_new = store.begin_campaign(specification, key)
+    return store.campaign(campaign_id), is_new, not store.unplanned(campaign_id)
 
 
 @router.get("/campaigns/{campaign_id}")

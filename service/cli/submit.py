@@ -24,3 +24,6 @@ def submit(
     else:
         news = "submitted" if is_new else "is already there"
         console.print(f"Campaign {campaign.id} ({campaign.name}) {news}; watch it at {url}")
+        is_planned = all(one.seeds_from or one.state != "waiting" for one in campaign.searches)
+        if is_new and not is_planned:
+            console.print("It is large: its searches wait while the coordinator plans one after the other.")

@@ -25,6 +25,7 @@ from service.app import create_app
 from service.coordinator.connections import PatientProtocol, most_connections
 from service.coordinator.history_reader import read_history
 from service.coordinator.lock import FolderLock, openness
+from service.coordinator.planning import finish_planning
 from service.coordinator.reaper import Reaper
 from service.coordinator.supervisor import LEAVE_S, Supervisor
 from service.db.engine import Unavailable, WriteFault, unusable
@@ -204,6 +205,7 @@ class Coordinator:
             self._threads = [
                 threading.Thread(target=Reaper(self.store, self._stop).run, name="reaper"),
                 threading.Thread(target=read_history, args=(self.store, self._stop), name="history"),
+                threading.Thread(target=finish_planning, args=(self.store, self._stop), name="planning"),
             ]
             for thread in self._threads:
                 thread.start()

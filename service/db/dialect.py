@@ -1,5 +1,6 @@
 """What SQLite and PostgreSQL say each in its own way, on a connection that is open."""
 
+from collections.abc import Sequence
 from functools import cache
 from typing import Any, cast
 
@@ -25,6 +26,26 @@ def insert_new(session: Session, table: type[Base], values: dict[str, Any]) -> b
     return connection.execute(_insert(connection.dialect.name, table), values).first() is not None
 
 
+def insert_new_rows(session: Session, table: type[Base], rows: Sequence[dict[str, Any]]) -> None:
+    """Insert rows unless their keys are taken, each in a fraction of the time of `insert_new`."""
+    flush_new(session)
+    if rows:
+        connection = session.connection()
+        statement = INSERTS[connection.dialect.name](plain(table)).on_conflict_do_nothing()
+        connection.execute(statement, rows)
+
+
+def insert_and_tell(
+    session: Session, table: type[Base], rows: Sequence[dict[str, Any]], *names: str
+) -> set[tuple[Any, ...]]:
+    """Insert rows unless their keys are taken; return the named columns of those that are new."""
+    flush_new(session)
+    if not rows:
+        return set()
+    connection = session.connection()
+    return {tuple(row) for row in connection.execute(_insert(connection.dialect.name, table, names), rows)}
+
+
 def flush_new(session: Session) -> None:
     """Store the rows that are still pending, which one that is stored past the session may refer to."""
     if session.new:
@@ -37,10 +58,12 @@ def plain(table: type[Base]) -> Table:
 
 
 @cache
-def _insert(dialect: str, table: type[Base]) -> Any:
+def _insert(dialect: str, table: type[Base], names: tuple[str, ...] = ()) -> Any:
+    """Return an insertion that tells the named columns of what is new, its key if none is named."""
     # Made once: to build a statement takes longer than to run it.
     rows = plain(table)
-    return INSERTS[dialect](rows).on_conflict_do_nothing().returning(*rows.primary_key)
+    told = [rows.c[name] for name in names] or rows.primary_key
+    return INSERTS[dialect](rows).on_conflict_do_nothing().returning(*told)
 
 
 def is_empty(connection: Connection) -> bool:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 
-from core.problem import Problem
+from core.problem import Problem, hashes_of
 from core.search import HopAddress
 from service.portable.checks import (
     Contents,
@@ -45,7 +45,7 @@ class ReadCampaign:
     @property
     def hashes(self) -> list[list[str]]:
         """The hashes of the problems by search and case."""
-        return [[problem.hash for problem in self.spec.problems_of(search)] for search in self.spec.search]
+        return [hashes_of(self.spec.problems_of(search)) for search in self.spec.search]
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,8 @@ def read_all(unpacked: Unpacked, data: Path) -> ReadFile:
     problems: dict[str, Problem] = {}
     for campaign in campaigns:
         for search in campaign.spec.search:
-            problems |= {problem.hash: problem for problem in campaign.spec.problems_of(search)}
+            listed = campaign.spec.problems_of(search)
+            problems |= dict(zip(hashes_of(listed), listed, strict=True))
     read = ReadFile(unpacked, campaigns, Contents(problems))
     for provenance in chain.from_iterable(read.provenances()):
         require_provenance(provenance, read.contents)

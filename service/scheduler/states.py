@@ -16,7 +16,7 @@ CAMPAIGN: Transitions = {
     "done": ("active",),
     "cancelled": (),
 }
-#: Waiting ones have no jobs now and may get seeds.
+#: Waiting ones have no jobs now and may get seeds, or belong to a large campaign that is still being planned.
 SEARCH: Transitions = {
     "waiting": ("active", "paused", "done", "cancelled"),
     "active": ("waiting", "paused", "done", "cancelled"),

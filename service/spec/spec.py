@@ -120,7 +120,7 @@ class Spec(Strict):
 
     def problems_of(self, search: SearchSpec) -> list[Problem]:
         """Return the P_k that a search is about, one per case."""
-        return [self.problem.with_outages(case) for case in search.outage_sets]
+        return self.problem.with_cases(search.outage_sets)
 
     def source_of(self, search: SearchSpec) -> SearchSpec | None:
         """Return the search of this campaign that the seeds of another come from."""

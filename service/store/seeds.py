@@ -10,7 +10,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from core.analysis.distinct import features
-from core.problem import Problem, ProblemError, problem_from, validation_message
+from core.problem import Problem, ProblemError, hashes_of, problem_from, validation_message
 from service.api.schemas import SeedPage
 from service.db.tables import CampaignRow, CaseRow, JobRow, ProblemRow, SearchRow, SolutionRow
 from service.scheduler import plan
@@ -163,7 +163,7 @@ def _page(
         pairs = list(islice(planned, MOST_PAIRS + 1))
     except ValueError as error:
         raise StoreError(f"mapping: {error}") from error
-    hashes = [problem.hash for problem in spec.problems_of(search)]
+    hashes = hashes_of(spec.problems_of(search))
     known = _planned(session, search_id, {seed.id for seed, _ in pairs})
     about = _about(session, {seed.id for seed, _ in pairs})
     items = []

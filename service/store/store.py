@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -59,7 +60,7 @@ from service.store.identity import Identities
 from service.store.page import Begin, Order
 from service.store.portable_import import TakenIn
 from service.store.seeds import SeedsWanted
-from service.store.specs import spec_fields
+from service.store.specs import spec_fields, spec_of
 from workers.executor import Ticket
 from workers.job import (
     ChainPart,
@@ -73,6 +74,9 @@ from workers.job import (
 from workers.outage import Outage
 
 __all__ = ["Store", "StoreError", "UnknownRow"]
+
+#: Between two pieces of one piece of work, so that who waits for the lock of writers gets it [s].
+TURN_S = 0.005
 
 
 class Store:
@@ -123,7 +127,45 @@ class Store:
 
     def submit(self, spec: Spec, key: str | None = None) -> tuple[int, bool]:
         """Return the campaign of a specification, and whether it is new; a key makes a repetition known."""
-        return self._database.write(lambda session: submission.submit(session, spec, self._now(session), key))
+        campaign_id, is_new = self.begin_campaign(spec, key)
+        self.plan_rest(campaign_id)
+        return campaign_id, is_new
+
+    def begin_campaign(self, spec: Spec, key: str | None = None) -> tuple[int, bool]:
+        """Store a campaign as `submit`; the jobs of a large one are left to `plan_rest`.
+
+        What takes long to make is made before a transaction begins, and problems are stored in transactions
+        of their own: one that no campaign follows does no harm.
+        """
+        with self._database.read() as session:
+            is_known = submission.is_known(session, spec, key)
+        cases = None if is_known else submission.Cases(spec)
+        if cases is not None and not cases.is_small:
+            for piece in cases.pieces():
+                self._database.write(partial(submission.add_problems, rows=piece))
+                time.sleep(TURN_S)
+        return self._database.write(
+            lambda session: submission.submit(session, spec, self._now(session), key, cases)
+        )
+
+    def unplanned(self, campaign_id: int | None = None) -> list[int]:
+        """Return the campaigns of which searches are still to be planned, all or the one if it is such."""
+        with self._database.read() as session:
+            return submission.unplanned(session, campaign_id)
+
+    def plan_rest(self, campaign_id: int, is_stopped: Callable[[], bool] = lambda: False) -> None:
+        """Plan what is left of a campaign, in transactions between which others have their turn."""
+        while not is_stopped() and self.unplanned(campaign_id):
+            # To parse a long one takes a second: not inside of the transaction that needs it.
+            self._parse_spec(campaign_id)
+            self._database.write(
+                lambda session: submission.plan_piece(session, campaign_id, self._now(session))
+            )
+            time.sleep(TURN_S)
+
+    def _parse_spec(self, campaign_id: int) -> None:
+        with self._database.read() as session:
+            spec_of(control.get_campaign_row(session, campaign_id))
 
     def add_problem(self, problem: Problem) -> bool:
         """Store a problem, so that its hash stands for it; return whether it is new."""

@@ -1,12 +1,14 @@
 """From a specification to the rows of a campaign, and planning what each search needs next."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import islice
+from typing import Any
 
-from sqlalchemy import bindparam, func, literal_column, select, update
-from sqlalchemy.orm import Session
+from sqlalchemy import bindparam, exists, func, insert, literal_column, or_, select, update
+from sqlalchemy.orm import Session, aliased
 
-from core.problem import Problem
-from service.db.dialect import insert_new, plain
+from core.problem import Problem, definitions_of, hashes_of
+from service.db.dialect import insert_and_tell, insert_new, insert_new_rows, plain
 from service.db.tables import (
     CampaignRow,
     CaseRow,
@@ -28,6 +30,9 @@ from service.store.find import find_campaign
 from service.store.held import Worked
 from service.store.specs import search_spec, spec_of
 
+#: A campaign of more cases or searches is stored in pieces, between which others write.
+MOST_CASES_AT_ONCE, MOST_SEARCHES_AT_ONCE = 500, 8
+
 _JOB = plain(JobRow).c
 #: Whether more than `before` jobs of a search are in the queue.
 _NTH_QUEUED = (
@@ -43,12 +48,70 @@ _AT_MOST = select(func.count()).select_from(
     .limit(bindparam("most"))
     .subquery()
 )
+_CASE = insert(plain(CaseRow))
+#: What tells the jobs of one search apart.
+_ADDRESS = ("kind", "case_index", "chain", "hop")
+_SOURCE = aliased(SearchRow)
+#: Searches whose first jobs are still to be planned.  One that waits for seeds has a source that goes on, and
+#: no job in the queue.
+_UNPLANNED = (
+    select(SearchRow, CampaignRow)
+    .join(CampaignRow, CampaignRow.id == SearchRow.campaign_id)
+    .outerjoin(_SOURCE, _SOURCE.id == SearchRow.source_id)
+    .where(SearchRow.state == "waiting", CampaignRow.state.not_in(ENDED))
+    .where(
+        or_(
+            SearchRow.source_id.is_(None),
+            _SOURCE.state.in_(ENDED),
+            exists().where(_JOB.search_id == SearchRow.id, _JOB.state == literal_column("'queued'")),
+        )
+    )
+    .order_by(SearchRow.id)
+)
 
 
-def submit(session: Session, spec: Spec, now: float, key: str | None = None) -> tuple[int, bool]:
+class Cases:
+    """The rows of all problems of a specification, made before a transaction begins."""
+
+    def __init__(self, spec: Spec) -> None:
+        #: By search, in the order of the specification.
+        self.hashes: list[list[str]] = []
+        self.problems: dict[str, dict[str, Any]] = {}
+        for search in spec.search:
+            problems = spec.problems_of(search)
+            hashes = hashes_of(problems)
+            self.hashes.append(hashes)
+            self.problems |= dict(zip(hashes, _problem_rows(problems, hashes), strict=True))
+        self.is_small = (
+            len(spec.search) <= MOST_SEARCHES_AT_ONCE and sum(map(len, self.hashes)) <= MOST_CASES_AT_ONCE
+        )
+
+    def pieces(self) -> Iterator[list[dict[str, Any]]]:
+        """Yield the rows of the problems, so many at a time."""
+        rows = iter(self.problems.values())
+        while piece := list(islice(rows, MOST_CASES_AT_ONCE)):
+            yield piece
+
+
+def is_known(session: Session, spec: Spec, key: str | None) -> bool:
+    """Return whether a key or a specification was submitted before."""
+    if key is not None and session.get(SubmissionRow, key) is not None:
+        return True
+    return session.scalar(select(CampaignRow.id).where(CampaignRow.spec_hash == spec.hash)) is not None
+
+
+def add_problems(session: Session, rows: Sequence[dict[str, Any]]) -> None:
+    """Store problems that are not there yet; a campaign of them may follow."""
+    insert_new_rows(session, ProblemRow, rows)
+
+
+def submit(
+    session: Session, spec: Spec, now: float, key: str | None = None, cases: Cases | None = None
+) -> tuple[int, bool]:
     """Return the campaign of a specification and whether it is new: the same one is the same campaign.
 
-    A key belongs to the first specification that came with it.
+    A key belongs to the first specification that came with it.  Of a large campaign, jobs are left to
+    `plan_piece`, and its searches wait until then.
     """
     if key is not None and (earlier := session.get(SubmissionRow, key)):
         if earlier.spec_hash != spec.hash:
@@ -58,13 +121,44 @@ def submit(session: Session, spec: Spec, now: float, key: str | None = None) -> 
             )
         return earlier.campaign_id, False
     known = session.scalar(select(CampaignRow.id).where(CampaignRow.spec_hash == spec.hash))
-    campaign_id = known or _begin(session, spec, now)
+    campaign_id = known or _begin(session, spec, now, cases or Cases(spec))
     if key is not None:
         session.add(SubmissionRow(key=key, spec_hash=spec.hash, campaign_id=campaign_id, created_at=now))
     return campaign_id, known is None
 
 
-def _begin(session: Session, spec: Spec, now: float) -> int:
+def plan_piece(session: Session, campaign_id: int, now: float) -> None:
+    """Plan the first jobs of some searches of a campaign that have none yet.
+
+    Planned twice is planned once, so whoever finds a campaign that was left between two pieces goes on.
+    """
+    wanted = _UNPLANNED.where(CampaignRow.id == campaign_id).limit(MOST_SEARCHES_AT_ONCE)
+    found = session.execute(wanted).all()
+    for row, campaign in found:
+        _advance_search(session, campaign, row, _has_source_ended(session, row), now)
+    session.flush()
+    if len(found) < MOST_SEARCHES_AT_ONCE:
+        # The last ones: a campaign without a job to do is done.
+        _end_if_idle(session, campaign_id, now)
+
+
+def unplanned(session: Session, campaign_id: int | None = None) -> list[int]:
+    """Return the campaigns, or whether one is among them, of which searches are still to be planned."""
+    ids = _UNPLANNED.with_only_columns(CampaignRow.id).order_by(None).distinct()
+    return list(session.scalars(ids if campaign_id is None else ids.where(CampaignRow.id == campaign_id)))
+
+
+def _has_source_ended(session: Session, row: SearchRow) -> bool:
+    return row.source_id is None or session.get_one(SearchRow, row.source_id).state in ENDED
+
+
+def _end_if_idle(session: Session, campaign_id: int, now: float) -> None:
+    open_one = select(SearchRow.id).where(SearchRow.campaign_id == campaign_id, SearchRow.state.not_in(ENDED))
+    if session.scalar(open_one.limit(1)) is None:
+        advance(session, session.get_one(CampaignRow, campaign_id), now)
+
+
+def _begin(session: Session, spec: Spec, now: float, cases: Cases) -> int:
     campaign = CampaignRow(
         name=spec.campaign.name,
         spec_hash=spec.hash,
@@ -76,14 +170,16 @@ def _begin(session: Session, spec: Spec, now: float) -> int:
     )
     session.add(campaign)
     session.flush()
-    _add_searches(session, campaign, spec)
-    _take_known_seeds(session, campaign, now)
+    add_problems(session, list(cases.problems.values()) if cases.is_small else [])
+    _add_searches(session, campaign, spec, cases)
+    _take_known_seeds(session, campaign, spec, now)
     note(session, campaign.id, "campaign", now, state="active")
-    advance(session, campaign, now)
+    if cases.is_small:
+        advance(session, campaign, now)
     return campaign.id
 
 
-def _add_searches(session: Session, campaign: CampaignRow, spec: Spec) -> None:
+def _add_searches(session: Session, campaign: CampaignRow, spec: Spec, cases: Cases) -> None:
     ids: dict[str, int] = {}
     for position, search in spec.in_order:
         row = SearchRow(
@@ -99,17 +195,16 @@ def _add_searches(session: Session, campaign: CampaignRow, spec: Spec) -> None:
         session.add(row)
         session.flush()
         ids[search.id] = row.id
-        add_cases(session, row, spec.problems_of(search))
+        _refer_to(session, row, cases.hashes[position])
 
 
-def _take_known_seeds(session: Session, campaign: CampaignRow, now: float) -> None:
+def _take_known_seeds(session: Session, campaign: CampaignRow, spec: Spec, now: float) -> None:
     """Plan the jobs of seeds that another campaign has found already, where each is mapped at once.
 
     A search whose seeds can no longer be found is refused.
     """
-    spec = spec_of(campaign)
     for row in session.scalars(select(SearchRow).where(SearchRow.campaign_id == campaign.id)):
-        search = search_spec(campaign, row)
+        search = spec.search[row.position]
         if search.seeds is None or (search.seeds.campaign is None and search.seeds.solution is None):
             continue
         known = candidates(session, campaign, row, search)
@@ -149,21 +244,27 @@ def _source_id(session: Session, spec: Spec, search: SearchSpec, ids: dict[str, 
 
 def add_problem(session: Session, problem: Problem) -> bool:
     """Store a problem; return whether it is new."""
-    fields = {
-        "hash": problem.hash,
-        "definition": problem.model_dump(mode="json"),
-        "k": problem.k,
-        "n_segments": problem.n_segments,
-    }
-    return insert_new(session, ProblemRow, fields)
+    return insert_new(session, ProblemRow, _problem_rows([problem], [problem.hash])[0])
 
 
 def add_cases(session: Session, row: SearchRow, problems: Sequence[Problem]) -> None:
     """Store the cases of a search, and their problems where they are new."""
-    for position, problem in enumerate(problems):
-        add_problem(session, problem)
-        session.add(CaseRow(search_id=row.id, position=position, problem_hash=problem.hash))
-    session.flush()
+    hashes = hashes_of(problems)
+    add_problems(session, _problem_rows(problems, hashes))
+    _refer_to(session, row, hashes)
+
+
+def _refer_to(session: Session, row: SearchRow, hashes: Sequence[str]) -> None:
+    common = {"search_id": row.id}
+    cases = [common | {"position": n, "problem_hash": one} for n, one in enumerate(hashes)]
+    session.connection().execute(_CASE, cases)
+
+
+def _problem_rows(problems: Sequence[Problem], hashes: Sequence[str]) -> list[dict[str, Any]]:
+    return [
+        {"hash": one, "definition": definition, "k": problem.k, "n_segments": problem.n_segments}
+        for problem, one, definition in zip(problems, hashes, definitions_of(problems), strict=True)
+    ]
 
 
 def advance(session: Session, campaign: CampaignRow, now: float) -> None:
@@ -277,13 +378,15 @@ def add_jobs(
     session: Session, search: SearchSpec, row: SearchRow, jobs: Sequence[PlannedJob], now: float
 ) -> list[PlannedJob]:
     """Put jobs into the queue unless their addresses are taken; return those that are new."""
-    added = [job for job in jobs if _add_job(session, search, row, job, now)]
+    rows = [_job_values(search, row, job, now) for job in jobs]
+    new = insert_and_tell(session, JobRow, rows, *_ADDRESS)
+    added = [job for job, values in zip(jobs, rows, strict=True) if tuple(values[n] for n in _ADDRESS) in new]
     row.n_planned += len(added)
     return added
 
 
-def _add_job(session: Session, search: SearchSpec, row: SearchRow, job: PlannedJob, now: float) -> bool:
-    values = {
+def _job_values(search: SearchSpec, row: SearchRow, job: PlannedJob, now: float) -> dict[str, Any]:
+    return {
         "search_id": row.id,
         "kind": job.kind,
         "case_index": job.case,
@@ -299,7 +402,6 @@ def _add_job(session: Session, search: SearchSpec, row: SearchRow, job: PlannedJ
         "created_at": now,
         "updated_at": now,
     }
-    return insert_new(session, JobRow, values)
 
 
 def progress_of(session: Session, search: SearchSpec, row: SearchRow, source_has_ended: bool) -> Progress:
