@@ -71,9 +71,11 @@ _UNPLANNED = (
 
 
 class Cases:
-    """The rows of all problems of a specification, made before a transaction begins."""
+    """What is stored of a specification and all its problems, made before a transaction begins."""
 
     def __init__(self, spec: Spec) -> None:
+        self.spec_hash = spec.hash
+        self.spec_fields = spec.as_fields()
         #: By search, in the order of the specification.
         self.hashes: list[list[str]] = []
         self.problems: dict[str, dict[str, Any]] = {}
@@ -113,17 +115,18 @@ def submit(
     A key belongs to the first specification that came with it.  Of a large campaign, jobs are left to
     `plan_piece`, and its searches wait until then.
     """
+    spec_hash = spec.hash if cases is None else cases.spec_hash
     if key is not None and (earlier := session.get(SubmissionRow, key)):
-        if earlier.spec_hash != spec.hash:
+        if earlier.spec_hash != spec_hash:
             raise KeyReused(
                 f"idempotency key {key}: expected the specification of campaign {earlier.campaign_id}, with "
                 f"which it came first, got another one; use a new key"
             )
         return earlier.campaign_id, False
-    known = session.scalar(select(CampaignRow.id).where(CampaignRow.spec_hash == spec.hash))
+    known = session.scalar(select(CampaignRow.id).where(CampaignRow.spec_hash == spec_hash))
     campaign_id = known or _begin(session, spec, now, cases or Cases(spec))
     if key is not None:
-        session.add(SubmissionRow(key=key, spec_hash=spec.hash, campaign_id=campaign_id, created_at=now))
+        session.add(SubmissionRow(key=key, spec_hash=spec_hash, campaign_id=campaign_id, created_at=now))
     return campaign_id, known is None
 
 
@@ -161,8 +164,8 @@ def _end_if_idle(session: Session, campaign_id: int, now: float) -> None:
 def _begin(session: Session, spec: Spec, now: float, cases: Cases) -> int:
     campaign = CampaignRow(
         name=spec.campaign.name,
-        spec_hash=spec.hash,
-        spec=spec.as_fields(),
+        spec_hash=cases.spec_hash,
+        spec=cases.spec_fields,
         rng_seed=spec.campaign.rng_seed,
         state="active",
         priority=spec.campaign.priority,
