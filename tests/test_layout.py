@@ -67,7 +67,7 @@ def test_no_source_is_named_after_nothing():
     assert not found
 
 
-def test_no_file_of_the_project_is_longer_than_500_lines():
+def test_no_file_of_the_project_is_longer_than_600_lines():
     for top in (*NAMES, "tests"):
         for path in (ROOT / top).rglob("*.py"):
-            assert len(path.read_text(encoding="utf-8").splitlines()) <= 500, path
+            assert len(path.read_text(encoding="utf-8").splitlines()) <= 600, path

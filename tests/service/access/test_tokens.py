@@ -239,7 +239,7 @@ def test_what_workers_do_is_in_the_audit_only_where_it_is_refused(client, store,
 
 def test_a_failure_of_ours_is_in_the_audit_too(client, store, token, monkeypatch):
     written = token("submitter")
-    monkeypatch.setattr(store, "submit", None)
+    monkeypatch.setattr(store, "begin_campaign", None)
     answer = client.post(f"{API}/campaigns", json=spec_fields(), headers=bearer(written))
     assert answer.status_code == 500 and store.identities.audit(1).items[0].status == 500
 
@@ -372,7 +372,7 @@ def test_no_secret_reaches_the_log(client, store, token, caplog, monkeypatch):
     client.post("/sign-in", data={"token": secret}, headers={"origin": URL})
     client.post(f"{API}/session", json={"token": secret, "more": 1})
     client.get(f"{API}/campaigns", headers=bearer(secret + "x"))
-    monkeypatch.setattr(store, "submit", None)
+    monkeypatch.setattr(store, "begin_campaign", None)
     client.post(f"{API}/campaigns", json=spec_fields(), headers=bearer(secret))
     sessions = [cookie.value for cookie in client.cookies.jar]
     assert sessions and not any(taken_apart(s).secret in caplog.text for s in (secret, *sessions))
