@@ -19,6 +19,7 @@ from service.access.limits import Buckets, Streams, Turns
 from service.access.request_body import BodyFault, read_body, replayed
 from service.access.rights import (
     ANYONE,
+    FLIGHTS,
     HEAVY,
     PROMPT,
     RIGHTS,
@@ -59,7 +60,7 @@ log = logging.getLogger(__name__)
 NOBODYS_AUDIT_PER_S, NOBODYS_AUDIT_BURST = 0.1, 100
 #: Requests of people that run at once, so that most of the threads, of which there are forty, and of the
 #: processor stay for workers.
-READS, HEAVY_READS, CHANGES = 2, 1, 16
+READS, HEAVY_READS, FLOWN_READS, CHANGES = 2, 1, 1, 16
 
 
 class Visit:
@@ -123,7 +124,7 @@ class Guard:
         self._streams = streams
         self._uploads = Streams(1)
         self._reads, self._heavy = Turns(READS), Turns(HEAVY_READS)
-        self._changes = Turns(CHANGES)
+        self._flown, self._changes = Turns(FLOWN_READS), Turns(CHANGES)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Check, then pass on."""
@@ -223,6 +224,8 @@ class Guard:
             return None
         if visit.is_unsafe:
             return self._changes
+        if visit.line in FLIGHTS:
+            return self._flown
         return self._heavy if visit.line in HEAVY else self._reads
 
     async def _answer(self, visit: Visit, receive: Receive, send: "_Outward") -> None:

@@ -118,14 +118,17 @@ HEAVY = frozenset(
         "campaigns/{}/history",
         "campaigns/{}/export",
         "campaigns/{}/searches/{}/hops",
-        "problems/{}/structure",
         "seeds",
         "solutions/points",
         "solutions/clusters",
-        "solutions/{}/trajectory",
-        "solutions/{}/export",
         "solutions/{}/missed-thrust",
     )
+)
+#: Reads for which a trajectory is flown.  The first after a start compiles for up to a minute, which readers
+#: of the archive need not wait for, so these have a turn of their own.
+FLIGHTS = frozenset(
+    f"GET {_API}/{path}"
+    for path in ("problems/{}/structure", "solutions/{}/trajectory", "solutions/{}/export")
 )
 #: Reads that never wait for others: they say whether the service is alive.
 PROMPT = frozenset(f"GET {prefix}/{path}" for prefix in ("", _API) for path in ("healthz", "readyz"))

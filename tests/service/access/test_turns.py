@@ -84,3 +84,18 @@ def test_who_gets_no_turn_in_time_is_told_to_come_back(served, monkeypatch):
         assert {answer.result().status_code for answer in inside} == {200}
     assert refused.status_code == 429 and refused.headers["retry-after"] == "10"
     assert "expected a turn in time" in refused.json()["detail"]
+
+
+def test_readers_of_the_archive_do_not_wait_for_a_flight(served, monkeypatch):
+    patient, client = served
+    # Reads of the list stand for a flight, which takes a minute where kernels are compiled.
+    monkeypatch.setattr(guard, "FLIGHTS", frozenset({f"GET {API}/campaigns"}))
+    with ThreadPoolExecutor(guard.READS + guard.HEAVY_READS) as readers:
+        flights = [readers.submit(client.get, f"{API}/campaigns") for _ in range(3)]
+        while not patient.n_inside:
+            time.sleep(0.01)
+        assert client.get(f"{API}/solutions/points").status_code == 200
+        assert client.get(f"{API}/solutions").status_code == 200
+        assert patient.most_inside == guard.FLOWN_READS and not any(flight.done() for flight in flights)
+        patient.may_go_on.set()
+        assert {flight.result().status_code for flight in flights} == {200}
