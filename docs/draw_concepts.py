@@ -18,7 +18,7 @@ from core.constants import G0, SECONDS_PER_DAY
 from core.ephemeris import furnish
 from core.orbits import departure_state, target_kernel
 from core.problem import Problem, load_problem
-from service.api.schemas import RecordWithVector
+from service.schemas.solution import RecordWithVector
 from service.store import Store
 from service.store.filter import filter_of
 

@@ -1,4 +1,4 @@
-"""The API for programs: every answer parsed into the models of `service.api.schemas`.
+"""The API for programs: every answer parsed into the models of `service.schemas.answer`.
 
 `ROUTES` lists what it asks, so that a test can hold it against the OpenAPI document.  Methods are named and
 called as those of the store, so that a command can read either.
@@ -19,12 +19,11 @@ from pydantic import BaseModel, ValidationError
 
 from core.faults import UserError
 from service.access.security import MAX_PORTABLE_BYTES
-from service.api import schemas
-from service.api.history_schemas import CampaignCards
-from service.api.lineage_schemas import Reproduction
-from service.api.missed_thrust_schemas import MissedThrustPage
-from service.api.portable_schemas import TakenInView
-from service.api.solution_schemas import RecordInFull
+from service.schemas.campaign import CampaignCards, CampaignItem, CampaignView, TakenInView
+from service.schemas.job import EventPage, EventView, JobPage, JobView, WorkerPage
+from service.schemas.problem import ProblemView
+from service.schemas.search import PriorityWanted, WeightWanted
+from service.schemas.solution import MissedThrustPage, RecordInFull, RecordPage, Reproduction, SeedPage
 from service.store.seeds import SeedsWanted
 from workers.client import TIMEOUT_S, Api, ApiError, Rejected
 from workers.source import Unreachable
@@ -68,34 +67,32 @@ _SEARCH = _ONE + "/searches/{name}"
 _SEEDS = ("campaign", "search", "problem", "outage", "k", "order", "limit", "tolerance", "mapping")
 ROUTES = {
     "campaigns": Route("GET", "/campaigns", CampaignCards),
-    "campaign": Route("GET", _ONE, schemas.CampaignView),
-    "submit": Route("POST", "/campaigns", schemas.CampaignView),
-    **{verb: Route("POST", f"{_ONE}/{verb}", schemas.CampaignView) for verb in ("pause", "resume", "cancel")},
+    "campaign": Route("GET", _ONE, CampaignView),
+    "submit": Route("POST", "/campaigns", CampaignView),
+    **{verb: Route("POST", f"{_ONE}/{verb}", CampaignView) for verb in ("pause", "resume", "cancel")},
     **{
-        f"{verb}_search": Route("POST", f"{_SEARCH}/{verb}", schemas.CampaignView)
+        f"{verb}_search": Route("POST", f"{_SEARCH}/{verb}", CampaignView)
         for verb in ("pause", "resume", "cancel")
     },
     "import_campaign": Route("POST", "/campaigns/import", TakenInView),
-    "order_campaign": Route("POST", f"{_ONE}/priority", schemas.CampaignView),
-    "order_search": Route("POST", f"{_SEARCH}/priority", schemas.CampaignView),
-    "weigh_search": Route("POST", f"{_SEARCH}/weight", schemas.CampaignView),
-    "solutions": Route(
-        "GET", "/solutions", schemas.RecordPage, ("campaign", "search", "strict", "limit", "after")
-    ),
+    "order_campaign": Route("POST", f"{_ONE}/priority", CampaignView),
+    "order_search": Route("POST", f"{_SEARCH}/priority", CampaignView),
+    "weigh_search": Route("POST", f"{_SEARCH}/weight", CampaignView),
+    "solutions": Route("GET", "/solutions", RecordPage, ("campaign", "search", "strict", "limit", "after")),
     "record": Route("GET", "/solutions/{solution_id}", RecordInFull),
     "reproduction": Route("GET", "/solutions/{solution_id}/reproduction", Reproduction),
     "missed_thrust": Route(
         "GET", "/solutions/{solution_id}/missed-thrust", MissedThrustPage, ("campaign", "limit")
     ),
-    "problem": Route("GET", "/problems/{problem_hash}", schemas.ProblemView),
-    "seeds": Route("GET", "/seeds", schemas.SeedPage, _SEEDS),
-    "jobs": Route("GET", "/jobs", schemas.JobPage, ("campaign", "search", "state", "limit", "after")),
-    "job": Route("GET", "/jobs/{job_id}", schemas.JobView),
-    "cancel_job": Route("POST", "/jobs/{job_id}/cancel", schemas.JobView),
-    "requeue_job": Route("POST", "/jobs/{job_id}/requeue", schemas.JobView),
-    "workers": Route("GET", "/workers", schemas.WorkerPage),
-    "events": Route("GET", "/events", schemas.EventPage, ("after", "campaign", "limit")),
-    "follow": Route("GET", f"{_ONE}/events", schemas.EventView),
+    "problem": Route("GET", "/problems/{problem_hash}", ProblemView),
+    "seeds": Route("GET", "/seeds", SeedPage, _SEEDS),
+    "jobs": Route("GET", "/jobs", JobPage, ("campaign", "search", "state", "limit", "after")),
+    "job": Route("GET", "/jobs/{job_id}", JobView),
+    "cancel_job": Route("POST", "/jobs/{job_id}/cancel", JobView),
+    "requeue_job": Route("POST", "/jobs/{job_id}/requeue", JobView),
+    "workers": Route("GET", "/workers", WorkerPage),
+    "events": Route("GET", "/events", EventPage, ("after", "campaign", "limit")),
+    "follow": Route("GET", f"{_ONE}/events", EventView),
 }
 
 
@@ -118,12 +115,12 @@ class Client:
 
     # What changes something.
 
-    def submit(self, fields: dict[str, Any], key: str | None = None) -> tuple[schemas.CampaignView, bool]:
+    def submit(self, fields: dict[str, Any], key: str | None = None) -> tuple[CampaignView, bool]:
         """Submit a specification; return its campaign, and whether it is new."""
         headers = {"Idempotency-Key": key} if key else {}
         view, status = _named(
             lambda: self._api.ask_for_status(
-                "POST", "/campaigns", schemas.CampaignView, json=fields, headers=headers, timeout=SUBMISSION_S
+                "POST", "/campaigns", CampaignView, json=fields, headers=headers, timeout=SUBMISSION_S
             )
         )
         return view, status in (201, 202)
@@ -144,48 +141,48 @@ class Client:
             path = ROUTES["import_campaign"].path
             return _named(lambda: self._api.ask("POST", path, TakenInView, content=content, **more))
 
-    def control_campaign(self, campaign_id: int, verb: Verb) -> schemas.CampaignView:
+    def control_campaign(self, campaign_id: int, verb: Verb) -> CampaignView:
         """Pause, resume or cancel a campaign."""
-        return self._ask(verb, schemas.CampaignView, campaign_id=campaign_id)
+        return self._ask(verb, CampaignView, campaign_id=campaign_id)
 
-    def control_search(self, campaign_id: int, search: str, verb: Verb) -> schemas.CampaignView:
+    def control_search(self, campaign_id: int, search: str, verb: Verb) -> CampaignView:
         """Pause, resume or cancel a search."""
-        return self._ask(f"{verb}_search", schemas.CampaignView, campaign_id=campaign_id, name=search)
+        return self._ask(f"{verb}_search", CampaignView, campaign_id=campaign_id, name=search)
 
-    def order_campaign(self, campaign_id: int, priority: int) -> schemas.CampaignView:
+    def order_campaign(self, campaign_id: int, priority: int) -> CampaignView:
         """Change when a campaign gets workers; lower goes first."""
-        body = schemas.PriorityWanted(priority=priority)
-        return self._ask("order_campaign", schemas.CampaignView, body, campaign_id=campaign_id)
+        body = PriorityWanted(priority=priority)
+        return self._ask("order_campaign", CampaignView, body, campaign_id=campaign_id)
 
-    def order_search(self, campaign_id: int, search: str, priority: int) -> schemas.CampaignView:
+    def order_search(self, campaign_id: int, search: str, priority: int) -> CampaignView:
         """Change when a search gets workers; lower goes first."""
-        body = schemas.PriorityWanted(priority=priority)
-        return self._ask("order_search", schemas.CampaignView, body, campaign_id=campaign_id, name=search)
+        body = PriorityWanted(priority=priority)
+        return self._ask("order_search", CampaignView, body, campaign_id=campaign_id, name=search)
 
-    def weigh_search(self, campaign_id: int, search: str, weight: float) -> schemas.CampaignView:
+    def weigh_search(self, campaign_id: int, search: str, weight: float) -> CampaignView:
         """Change how large a part of the workers a search gets, beside those of equal priority."""
-        body = schemas.WeightWanted(weight=weight)
-        return self._ask("weigh_search", schemas.CampaignView, body, campaign_id=campaign_id, name=search)
+        body = WeightWanted(weight=weight)
+        return self._ask("weigh_search", CampaignView, body, campaign_id=campaign_id, name=search)
 
-    def cancel_job(self, job_id: int) -> schemas.JobView:
+    def cancel_job(self, job_id: int) -> JobView:
         """Take a job out of the queue, or have it stopped."""
-        return self._ask("cancel_job", schemas.JobView, job_id=job_id)
+        return self._ask("cancel_job", JobView, job_id=job_id)
 
-    def requeue_job(self, job_id: int) -> schemas.JobView:
+    def requeue_job(self, job_id: int) -> JobView:
         """Give a dead or cancelled job another attempt."""
-        return self._ask("requeue_job", schemas.JobView, job_id=job_id)
+        return self._ask("requeue_job", JobView, job_id=job_id)
 
     # What reads.
 
-    def campaigns(self) -> list[schemas.CampaignItem]:
+    def campaigns(self) -> list[CampaignItem]:
         """Return the campaigns, the newest first."""
         cards = self._ask("campaigns", CampaignCards).items
         # Without what only the page shows, as `Store.campaigns` returns them.
-        return [schemas.CampaignItem.model_validate(card.model_dump()) for card in cards]
+        return [CampaignItem.model_validate(card.model_dump()) for card in cards]
 
-    def campaign(self, campaign_id: int) -> schemas.CampaignView:
+    def campaign(self, campaign_id: int) -> CampaignView:
         """Return a campaign with its searches."""
-        return self._ask("campaign", schemas.CampaignView, campaign_id=campaign_id)
+        return self._ask("campaign", CampaignView, campaign_id=campaign_id)
 
     def export_campaign(self, campaign_id: int) -> Iterator[bytes]:
         """Yield the portable file of a campaign piece by piece."""
@@ -213,10 +210,10 @@ class Client:
         strict: bool | None = None,
         limit: int = 50,
         after: str | None = None,
-    ) -> schemas.RecordPage:
+    ) -> RecordPage:
         """Return a page of solutions."""
         page = {"campaign": campaign, "search": search, "strict": strict, "limit": limit, "after": after}
-        return self._ask("solutions", schemas.RecordPage, **page)
+        return self._ask("solutions", RecordPage, **page)
 
     def record(self, solution_id: str) -> RecordInFull:
         """Return a solution with its vector."""
@@ -233,13 +230,13 @@ class Client:
         asked = {"solution_id": solution_id, "campaign": campaign, "limit": limit}
         return self._ask("missed_thrust", MissedThrustPage, **asked)
 
-    def problem(self, problem_hash: str) -> schemas.ProblemView:
+    def problem(self, problem_hash: str) -> ProblemView:
         """Return a problem."""
-        return self._ask("problem", schemas.ProblemView, problem_hash=problem_hash)
+        return self._ask("problem", ProblemView, problem_hash=problem_hash)
 
-    def seeds_of_search(self, campaign_id: int, search: str, wanted: SeedsWanted) -> schemas.SeedPage:
+    def seeds_of_search(self, campaign_id: int, search: str, wanted: SeedsWanted) -> SeedPage:
         """Return what would seed a search, and how."""
-        return self._ask("seeds", schemas.SeedPage, campaign=campaign_id, search=search, **_choice(wanted))
+        return self._ask("seeds", SeedPage, campaign=campaign_id, search=search, **_choice(wanted))
 
     def seeds_of_problem(
         self,
@@ -247,32 +244,32 @@ class Client:
         outages: Sequence[tuple[int, float]] | None,
         seed_k: int | None,
         wanted: SeedsWanted,
-    ) -> schemas.SeedPage:
+    ) -> SeedPage:
         """Return which solutions would seed a problem, and how."""
         outage = None if outages is None else [f"{segment}:{days!r}" for segment, days in outages]
         asked = {"problem": problem_hash, "outage": outage, "k": seed_k, **_choice(wanted)}
-        return self._ask("seeds", schemas.SeedPage, **asked)
+        return self._ask("seeds", SeedPage, **asked)
 
     def jobs(
         self, campaign: int | None, search: str | None, state: str | None, limit: int, after: int = 0
-    ) -> schemas.JobPage:
+    ) -> JobPage:
         """Return a page of jobs."""
         page = {"campaign": campaign, "search": search, "state": state, "limit": limit, "after": after}
-        return self._ask("jobs", schemas.JobPage, **page)
+        return self._ask("jobs", JobPage, **page)
 
-    def job(self, job_id: int) -> schemas.JobView:
+    def job(self, job_id: int) -> JobView:
         """Return a job."""
-        return self._ask("job", schemas.JobView, job_id=job_id)
+        return self._ask("job", JobView, job_id=job_id)
 
-    def workers(self) -> schemas.WorkerPage:
+    def workers(self) -> WorkerPage:
         """Return the workers, with what they hold."""
-        return self._ask("workers", schemas.WorkerPage)
+        return self._ask("workers", WorkerPage)
 
-    def events(self, after: int, campaign: int | None = None, limit: int = 200) -> list[schemas.EventView]:
+    def events(self, after: int, campaign: int | None = None, limit: int = 200) -> list[EventView]:
         """Return the events that follow an id."""
-        return self._ask("events", schemas.EventPage, after=after, campaign=campaign, limit=limit).items
+        return self._ask("events", EventPage, after=after, campaign=campaign, limit=limit).items
 
-    def follow(self, campaign_id: int, after: int | None = None) -> Iterator[schemas.EventView]:
+    def follow(self, campaign_id: int, after: int | None = None) -> Iterator[EventView]:
         """Return the events of a campaign as they come, until the coordinator ends the stream."""
         headers = {} if after is None else {"Last-Event-ID": str(after)}
         path = ROUTES["follow"].path.format(campaign_id=campaign_id)
@@ -280,7 +277,7 @@ class Client:
             with self._api.stream(path, headers, SILENCE_S) as lines:
                 for line in lines:
                     if line.startswith("data:"):
-                        yield schemas.EventView.model_validate_json(line.removeprefix("data:"))
+                        yield EventView.model_validate_json(line.removeprefix("data:"))
         except (Unreachable, Rejected) as error:
             raise _client_error(error) from error
         except ValidationError as error:

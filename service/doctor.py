@@ -8,8 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from service.check import Check
 from service.coordinator.lock import openness
+from service.schemas.answer import Check
 
 GIGABYTE = 1e9
 #: A campaign of 10,000 solutions needs about a tenth of this.

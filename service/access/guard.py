@@ -27,7 +27,6 @@ from service.access.rights import (
     UNLOGGED,
     UPLOADS,
     WORKERS,
-    Role,
     least,
 )
 from service.access.route_index import RouteIndex
@@ -51,6 +50,7 @@ from service.api.errors import (
     unrouted,
 )
 from service.db.errors import Unavailable
+from service.schemas.identity import Role
 from service.store import Store
 from service.store.identity import RefusedToken
 

@@ -5,23 +5,9 @@ stands apart: it reads, and takes, keeps and returns jobs, but changes nothing e
 """
 
 import re
-from enum import StrEnum
 
 from service.dashboard.views import VIEWS
-
-
-class Role(StrEnum):
-    """What a token is for."""
-
-    #: Reads everything but tokens and the audit.
-    VIEWER = "viewer"
-    #: Submits campaigns and steers them, too.
-    SUBMITTER = "submitter"
-    #: Does everything.
-    ADMIN = "admin"
-    #: Works on jobs.
-    WORKER = "worker"
-
+from service.schemas.identity import Role
 
 ANYONE = None
 READERS = frozenset(Role)

@@ -10,7 +10,7 @@ import re
 import secrets
 from dataclasses import dataclass
 
-from service.access.rights import Role
+from service.schemas.identity import Role
 
 #: Name of the cookie that holds a session.
 COOKIE = "coastarc_session"

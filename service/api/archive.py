@@ -7,7 +7,7 @@ from fastapi import APIRouter, Query
 from core.analysis.distinct import DISTINCT
 from service.api.context import CampaignWanted, StoreHere
 from service.api.solution_filter import FilterWanted
-from service.api.solution_schemas import ChoicesView, ClusterPage, PointsView
+from service.schemas.solution import ChoicesView, ClusterPage, PointsView
 
 router = APIRouter(tags=["solutions"])
 

@@ -5,8 +5,8 @@ from typing import Annotated
 
 from fastapi import APIRouter, HTTPException, Query
 
-from service.api.activity_schemas import AttemptPage, AttemptsOfJob, QueueView, Requeued
 from service.api.context import Id, StoreHere
+from service.schemas.job import AttemptPage, AttemptsOfJob, QueueView, Requeued
 from service.store.activity import MOST
 
 router = APIRouter(tags=["jobs"])

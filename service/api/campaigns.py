@@ -11,7 +11,8 @@ from fastapi import APIRouter, BackgroundTasks, Body, Header, Path, Request, Res
 
 from service.api.context import HeavyHere, Id, StoreHere
 from service.api.jobs import CONFLICT
-from service.api.schemas import CampaignView, PriorityWanted, WeightWanted
+from service.schemas.campaign import CampaignView
+from service.schemas.search import PriorityWanted, WeightWanted
 from service.spec import spec_from
 from service.spec.resolve import require_flyable
 from service.store import Store

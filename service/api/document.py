@@ -5,14 +5,14 @@ from typing import Any
 
 from fastapi import FastAPI
 
-from service.api import (
+from service.schemas import (
     activity_examples,
     campaign_examples,
     certificate_examples,
     examples,
     missed_thrust_examples,
 )
-from service.api.examples import TRAJECTORY
+from service.schemas.examples import TRAJECTORY
 
 PROBLEM = "application/problem+json"
 #: What a refusal of each status says.

@@ -15,9 +15,9 @@ from core.faults import fault_lines
 from core.problem import ProblemError
 from service.access.heavy import BUSY_PAUSE_S, BusyError
 from service.access.request_body import BodyFault
-from service.api.schemas import Fault
 from service.db.errors import Unavailable, WriteFault
 from service.portable.errors import PortableConflict, PortableError
+from service.schemas.answer import Fault
 from service.spec import SpecError
 from service.store import StoreError, UnknownRow
 from service.store.errors import Conflict, OtherClaimant

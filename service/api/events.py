@@ -10,8 +10,8 @@ from fastapi.sse import EventSourceResponse, ServerSentEvent
 from starlette.concurrency import run_in_threadpool
 
 from service.api.context import After, CampaignWanted, Id, Limit, StoreHere
-from service.api.schemas import EventPage
 from service.db.errors import Unavailable
+from service.schemas.job import EventPage
 from service.store import Store
 
 router = APIRouter(tags=["events"])

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from itertools import chain, islice
 from typing import Any
 
-from service.api.schemas import Record, RecordWithVector
+from service.schemas.solution import Record, RecordWithVector
 
 CSV = "text/csv"
 NDJSON = "application/x-ndjson"

@@ -14,9 +14,9 @@ from core.analysis.flight import Flight, fly
 from core.problem import problem_from
 from service.api.context import Hash, Limit, StoreHere
 from service.api.export import CSV
-from service.api.lineage_schemas import LineageGraph, Reproduction
 from service.api.solution_files import vector_lines
 from service.dashboard.pictures import MOST_SAMPLES, flight_as_json
+from service.schemas.solution import LineageGraph, Reproduction
 from service.solutions import export as solution_export
 from service.solutions.export import ALL, MEDIA, ZIP, ExportFormat, Wanted
 from service.store import Store, UnknownRow

@@ -11,8 +11,8 @@ from sqlalchemy.exc import SQLAlchemyError
 from core.ephemeris.kernels import kernel_paths
 from service.api import prometheus
 from service.api.context import StoreHere
-from service.api.schemas import Fault, Health
 from service.db.engine import DatabaseError
+from service.schemas.answer import Fault, Health
 from service.store import Store
 
 router = APIRouter(tags=["health"])

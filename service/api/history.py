@@ -3,7 +3,7 @@
 from fastapi import APIRouter
 
 from service.api.context import Id, StoreHere
-from service.api.history_schemas import CampaignCards, HistoryView
+from service.schemas.campaign import CampaignCards, HistoryView
 
 router = APIRouter(tags=["campaigns"])
 

@@ -10,7 +10,8 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Body
 
 from service.api.context import After, CampaignWanted, Id, IdentityHere, Limit, SearchWanted, StoreHere
-from service.api.schemas import Fault, JobPage, JobState, JobView, WorkerPage
+from service.schemas.answer import Fault
+from service.schemas.job import JobPage, JobState, JobView, WorkerPage
 from service.store.dispatch import Report
 from workers.executor import Ticket
 from workers.job import (

@@ -16,7 +16,7 @@ from core.analysis.comparison import paired_changes
 from core.analysis.seed_chains import seed_chains
 from core.analysis.study import findings_of, row, seed_yields, summaries
 from service.api.context import Id, StoreHere
-from service.api.schemas import MetricsRow, MetricsView
+from service.schemas.search import MetricsRow, MetricsView
 from service.store import Store
 
 router = APIRouter(tags=["campaigns"])

@@ -5,8 +5,8 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 
 from service.api.context import CampaignWanted, Hash, StoreHere
-from service.api.missed_thrust_schemas import MissedThrustPage
 from service.missed_thrust.views import views_of
+from service.schemas.solution import MissedThrustPage
 
 router = APIRouter(tags=["solutions"])
 

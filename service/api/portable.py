@@ -12,8 +12,8 @@ from service.access.request_body import save_body
 from service.access.security import MAX_PORTABLE_BYTES
 from service.api.context import Id, StoreHere
 from service.api.jobs import CONFLICT
-from service.api.portable_schemas import TakenInView
 from service.portable.files import file_name, packed, pieces, take_in_file
+from service.schemas.campaign import TakenInView
 from service.solutions.export import ZIP
 
 router = APIRouter(tags=["campaigns"])

@@ -8,9 +8,8 @@ from fastapi import APIRouter, Body, Response
 
 from core.problem import problem_from
 from service.api.context import Hash, HeavyHere, StoreHere
-from service.api.problem_schemas import ProblemFamily, ProblemStructure
-from service.api.schemas import ProblemPage, ProblemView
 from service.dashboard.structure import structure_of
+from service.schemas.problem import ProblemFamily, ProblemPage, ProblemStructure, ProblemView
 from service.spec import problem_without_files
 from service.spec.resolve import require_flyable
 from service.store import Store

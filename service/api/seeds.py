@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, HTTPException, Query
 
 from service.api.context import CampaignWanted, Limit, SearchWanted, StoreHere
-from service.api.schemas import SeedPage
+from service.schemas.solution import SeedPage
 from service.spec.search_spec import SeedOrder
 from service.store.seeds import SeedsWanted
 

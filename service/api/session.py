@@ -12,8 +12,8 @@ from fastapi.responses import HTMLResponse, RedirectResponse
 
 from service.access.tokens import COOKIE
 from service.api.context import AccessHere, IdentityHere, StoreHere
-from service.api.identity_schemas import SessionView, SignIn
 from service.dashboard.render import page
+from service.schemas.identity import SessionView, SignIn
 from service.store import Store
 from service.store.identity import RefusedToken
 

@@ -7,9 +7,8 @@ from fastapi.responses import StreamingResponse
 
 from service.api.context import Hash, Limit, StoreHere
 from service.api.export import CSV, NDJSON, begun, csv_lines, ndjson_lines
-from service.api.schemas import RecordPage
 from service.api.solution_filter import FilterWanted
-from service.api.solution_schemas import RecordInFull
+from service.schemas.solution import RecordInFull, RecordPage
 from service.store.page import Begin, Order, Sort
 
 router = APIRouter(tags=["solutions"])

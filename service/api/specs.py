@@ -8,7 +8,7 @@ from typing import Annotated
 from fastapi import APIRouter, Body
 
 from service.api.context import HeavyHere, Id, StoreHere
-from service.api.spec_schemas import (
+from service.schemas.problem import (
     FaultView,
     PlannedSearch,
     SpecCheck,

@@ -5,8 +5,8 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Query
 
 from service.api.context import Limit, StoreHere
-from service.api.identity_schemas import AuditPage, NewToken, TokenPage, TokenRequest, TokenView
 from service.api.jobs import CONFLICT
+from service.schemas.identity import AuditPage, NewToken, TokenPage, TokenRequest, TokenView
 
 router = APIRouter(tags=["tokens"])
 

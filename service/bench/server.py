@@ -10,8 +10,8 @@ import sys
 from pathlib import Path
 
 from service import logs
-from service.access.rights import Role
 from service.coordinator import Coordinator
+from service.schemas.identity import Role
 
 
 def main() -> None:

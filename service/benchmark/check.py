@@ -24,7 +24,7 @@ from service.benchmark.benchmark_set import (
 from service.benchmark.certificate import differences, largest_miss_km, read_certificate
 from service.benchmark.states_file import jumps
 from service.benchmark.vector_file import read_vector
-from service.check import Check
+from service.schemas.answer import Check
 from service.solutions.solution_hash import solution_hash
 from workers.certificate import CertificateContent
 from workers.certifier import certificate_of

@@ -4,10 +4,10 @@ from pathlib import Path
 
 from core.analysis.verify import verify
 from core.tolerances import STRICT, violation
-from service.api.schemas import Answer
 from service.benchmark.benchmark_set import Case
 from service.benchmark.check import problem_mass
 from service.benchmark.vector_file import read_vector
+from service.schemas.answer import Answer
 from service.solutions.solution_hash import solution_hash
 
 

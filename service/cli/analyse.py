@@ -10,8 +10,6 @@ from rich.console import Console
 
 from core.problem import problem_from
 from service import logs
-from service.api.missed_thrust_schemas import MissedThrustView
-from service.api.schemas import Record
 from service.cli import terminal
 from service.cli.options import DATA, WORKERS, Data, Json, Workers, client_of, console, print_json
 from service.cli.run import LOG_PERIOD_S, announce, crew_of, run_to_end
@@ -21,6 +19,7 @@ from service.missed_thrust.analysis_spec import USUAL_DURATIONS, analysis_spec, 
 from service.missed_thrust.views import views_of
 from service.new_file import require_folder
 from service.scheduler.states import ENDED
+from service.schemas.solution import MissedThrustView, Record
 from service.spec import spec_from
 from service.store import Store, StoreError
 from workers.dispatch import ExecutorKind

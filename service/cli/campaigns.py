@@ -6,7 +6,6 @@ from typing import Annotated
 
 import typer
 
-from service.api.portable_schemas import TakenInView
 from service.cli.control import Readable, readable
 from service.cli.options import DATA, Data, Json, MaybeUrl, client_of, console, print_json
 from service.client import Client
@@ -15,6 +14,7 @@ from service.db.place import make_folder
 from service.new_file import write_new
 from service.portable.errors import PortableError
 from service.portable.files import file_name, portable, take_in_file
+from service.schemas.campaign import TakenInView
 from service.store import Store
 
 campaigns = typer.Typer(help="Take campaigns from one installation to another.", no_args_is_help=True)

@@ -8,22 +8,15 @@ from typing import Annotated, Literal, Protocol
 import typer
 from rich.live import Live
 
-from service.api.schemas import (
-    Answer,
-    CampaignItem,
-    CampaignView,
-    EventView,
-    JobPage,
-    JobView,
-    SeedPage,
-    WorkerPage,
-    WorkerView,
-)
 from service.cli import terminal
 from service.cli.faults import complain
 from service.cli.options import DATA, DEFAULT_URL, Data, Json, MaybeUrl, Url, client_of, console, print_json
 from service.client import Client, ClientError, Verb
 from service.scheduler.states import ENDED
+from service.schemas.answer import Answer
+from service.schemas.campaign import CampaignItem, CampaignView
+from service.schemas.job import EventView, JobPage, JobView, WorkerPage, WorkerView
+from service.schemas.solution import SeedPage
 from service.spec.search_spec import SeedOrder
 from service.store import Store
 from service.store.seeds import SeedsWanted

@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from service.check import Check
 from service.cli import terminal
 from service.cli.options import DATA, Data, Json
 from service.coordinator.lock import FolderLock
@@ -19,6 +18,7 @@ from service.db.place import make_folder, place_of, shown
 from service.db.repair import repair
 from service.db.tables import SCHEMA_VERSION
 from service.db.upgrade import upgrade, version_of
+from service.schemas.answer import Check
 
 db = typer.Typer(help="Upgrade, check, repair, back up and restore an archive.", no_args_is_help=True)
 

@@ -4,9 +4,9 @@ from typing import Annotated
 
 import typer
 
-from service.api.lineage_schemas import Reproduction
 from service.cli import terminal
 from service.cli.options import DATA, Data, Json, MaybeUrl, client_of, console, print_json
+from service.schemas.solution import Reproduction
 from service.solutions.reproduce import Comparison, reproduce, verdict
 from service.store import Store
 from workers.job import Job, JobOutcome

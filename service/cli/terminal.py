@@ -8,8 +8,11 @@ from rich.table import Table
 from rich.text import Text
 
 from core.analysis.metrics import feasibility_ratio
-from service.api.schemas import CampaignItem, CampaignView, JobView, Record, SearchView, SeedPage, WorkerView
 from service.scheduler.states import ENDED
+from service.schemas.campaign import CampaignItem, CampaignView
+from service.schemas.job import JobView, WorkerView
+from service.schemas.search import SearchView
+from service.schemas.solution import Record, SeedPage
 
 SUMMARY_COLUMNS = ("search", "strategy", "solves", "paper, %", "strict, %", "found", "kg", "km/s", "CPU, s")
 

@@ -7,8 +7,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from service.api.schemas import Record
 from service.cli.terminal import level_of, table
+from service.schemas.solution import Record
 
 #: Rows of a defect: what they are of, and their unit.
 PARTS = {"km": slice(0, 3), "km/s": slice(3, 6), "kg": slice(6, 7)}

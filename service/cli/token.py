@@ -16,12 +16,11 @@ import typer
 from pydantic import BaseModel, ValidationError
 
 from core.faults import UserError, fault_lines
-from service.access.rights import Role
-from service.api.identity_schemas import NewToken, TokenPage, TokenRequest, TokenView
 from service.cli import terminal
 from service.cli.options import DATA, Data, Json, console, print_json
 from service.coordinator.lock import FolderLock, LockError
 from service.db.errors import unusable
+from service.schemas.identity import NewToken, Role, TokenPage, TokenRequest, TokenView
 from service.settings import Settings
 from service.store import Store
 

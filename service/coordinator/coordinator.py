@@ -19,7 +19,6 @@ import uvicorn
 from pydantic import SecretStr
 
 from core.faults import UserError
-from service.access.rights import Role
 from service.access.security import Access, access_on
 from service.app import create_app
 from service.coordinator.connections import PatientProtocol, most_connections
@@ -30,6 +29,7 @@ from service.coordinator.reaper import Reaper
 from service.coordinator.supervisor import LEAVE_S, Supervisor
 from service.db.engine import Unavailable, WriteFault, unusable
 from service.scheduler.leases import LeaseSettings
+from service.schemas.identity import Role
 from service.settings import Settings
 from service.store import Store
 from workers.dispatch import RUNNER, DispatchOrder, ExecutorKind

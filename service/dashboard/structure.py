@@ -21,14 +21,14 @@ from core.analysis.sparsity import dense_entries, pattern
 from core.orbits import departure_state
 from core.problem import Problem, calendar_epoch
 from core.transcription import TrajectoryLayout, layout_of
-from service.api.problem_schemas import (
+from service.schemas.problem import (
     ArcChance,
     DurationChance,
     LawView,
+    OutageView,
     ProblemStructure,
     TrajectoryShape,
 )
-from service.api.schemas import OutageView
 
 #: Runs of entries in one picture.
 MOST_RUNS = 5000

@@ -7,7 +7,6 @@ from typing import Any
 
 from sqlalchemy import Connection, func, select
 
-from service.check import Check
 from service.db import postgres, sqlite_file
 from service.db.content import unsound_rows
 from service.db.dialect import read_version
@@ -16,6 +15,7 @@ from service.db.place import Place, shown
 from service.db.recount import TALLIES
 from service.db.tables import SCHEMA_VERSION, Base, JobRow, SearchRow, SolveRow
 from service.db.upgrade import differences
+from service.schemas.answer import Check
 
 REPAIR = "see what `coastarc db repair` would set aside and count anew"
 RESTORE = "restore a backup with `coastarc db restore`"

@@ -3,8 +3,8 @@
 from sqlalchemy import CheckConstraint, ForeignKey, Index, text
 from sqlalchemy.orm import Mapped, mapped_column
 
-from service.access.rights import Role
 from service.db.tables import Base
+from service.schemas.identity import Role
 
 _STRICT = {"sqlite_strict": True}
 _ROLES = ", ".join(f"'{role.value}'" for role in Role)

@@ -21,7 +21,7 @@ from core.orbits import departure_state
 from core.problem import Problem, calendar_epoch, load_problem, seconds_past_j2000
 from core.search import solve_recovery
 from core.transcription import transcribe
-from service.api.schemas import Answer
+from service.schemas.answer import Answer
 
 Array = NDArray[np.float64]
 

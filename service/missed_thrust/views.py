@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from core.analysis.missed_thrust import Attempt, MissedThrust, attempt, missed_thrust
 from core.analysis.survivability import Survivability, fragile_segments, survivability
 from core.transcription import layout_of
-from service.api.missed_thrust_schemas import Map, MissedThrustView, SegmentRisk, SurvivabilityView
-from service.api.schemas import CampaignView
+from service.schemas.campaign import CampaignView
+from service.schemas.solution import Map, MissedThrustView, SegmentRisk, SurvivabilityView
 from service.store import Store
 from service.store.missed_thrust import Analysed
 

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from core.analysis.weibull import RECOVERIES
-from service.api.missed_thrust_schemas import MissedThrustView, SegmentRisk
 from service.report.cells import Cell, Column, Table
 from service.report.missed_thrust_plot import Shown, cost_map, longest
 from service.report.page import Fact, Head, Picture, Section
 from service.report.write import write_page
+from service.schemas.solution import MissedThrustView, SegmentRisk
 
 _MAPS = (
     ("propellant", "propellant_kg", "Propellant", "beyond the reference's", "propellant, kg"),

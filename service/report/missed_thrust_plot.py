@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from core.analysis.weibull import RECOVERIES
-from service.api.missed_thrust_schemas import Map, MissedThrustView
 from service.report.style import INK, ORANGE, SERIES, SOFT, new_figure
+from service.schemas.solution import Map, MissedThrustView
 
 #: Cells into which their costs are written, at most.
 _MOST_NUMBERS = 200

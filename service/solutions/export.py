@@ -29,7 +29,7 @@ from core.export import (
 from core.export.epochs import tdb_texts
 from core.export.spk import FIRST_ID, body_id
 from core.problem import problem_from
-from service.api.schemas import RecordWithVector
+from service.schemas.solution import RecordWithVector
 
 #: Of every entry of a ZIP: when it was made is not what it says.
 ZIP_DATE = (1980, 1, 1, 0, 0, 0)

@@ -14,7 +14,7 @@ from pydantic import BaseModel
 from core.faults import UserError
 from core.problem import ProblemError, problem_from
 from core.search import REFINED, refined_problem
-from service.api.solution_schemas import RecordInFull
+from service.schemas.solution import RecordInFull
 from service.spec import Spec, spec_from
 from service.store import Store
 from service.store.filter import Filter

@@ -5,8 +5,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from service.api.lineage_schemas import Reproduction
-from service.api.schemas import Answer
+from service.schemas.answer import Answer
+from service.schemas.solution import Reproduction
 from service.solutions.solution_hash import solution_hash
 from workers.job import Job, JobOutcome, Provenance, SolveRecord
 

@@ -2,10 +2,10 @@
 
 from collections.abc import Callable
 
-from service.api.activity_schemas import AttemptPage, AttemptsOfJob, QueueView
-from service.api.search_schemas import HopsView, SearchDetail
 from service.db.engine import Database
 from service.scheduler.leases import LeaseSettings
+from service.schemas.job import AttemptPage, AttemptsOfJob, QueueView
+from service.schemas.search import HopsView, SearchDetail
 from service.store import attempts, hops, one_search, queue
 
 #: Bars or points of one picture, at most.

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from sqlalchemy.orm import Session
 
-from service.api.history_schemas import CampaignCard, Outcomes
 from service.db.tables import CampaignRow
 from service.scheduler import plan
+from service.schemas.campaign import CampaignCard, Outcomes
 from service.store.chronicle import Chronicle, Step
 from service.store.chronicles import Chronicles
 from service.store.progress import Numbers, campaigns_in_numbers, eta_seconds, item_fields

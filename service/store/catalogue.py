@@ -3,8 +3,9 @@
 from sqlalchemy import ColumnElement, Select, literal, literal_column, select, true, union_all
 from sqlalchemy.orm import Session, aliased
 
-from service.api.schemas import JobPage, JobView, OutageView, ProblemItem, ProblemPage, ProblemView
 from service.db.tables import JOB_STATES, AttemptRow, JobRow, ProblemRow, SearchRow
+from service.schemas.job import JobPage, JobView
+from service.schemas.problem import OutageView, ProblemItem, ProblemPage, ProblemView
 from service.store.errors import StoreError, UnknownRow
 
 #: What a job's view takes from other rows.

@@ -3,8 +3,8 @@
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from service.api.solution_schemas import CampaignChoice, ChoicesView
 from service.db.tables import CampaignRow, CaseRow, ProblemRow, SearchRow
+from service.schemas.solution import CampaignChoice, ChoicesView
 
 #: Campaigns that are listed, the newest.
 CAMPAIGNS = 200

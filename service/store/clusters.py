@@ -11,8 +11,8 @@ from sqlalchemy.orm import Session
 
 from core.analysis.distinct import clusters, feature_rows
 from core.problem import Problem, problem_from
-from service.api.solution_schemas import ClusterPage, ClusterView
 from service.db.tables import SearchRow, SolutionRow, SolveRow
+from service.schemas.solution import ClusterPage, ClusterView
 from service.store.filter import Filter, Wanted
 from service.store.page import Begin, Order, ids_of_page
 from service.store.specs import definition_of

@@ -5,7 +5,6 @@ from typing import Any
 from sqlalchemy import BindParameter, Select, bindparam, func, select
 from sqlalchemy.orm import Session
 
-from service.api.lineage_schemas import Child, LineageGraph, Reproduction
 from service.db.tables import (
     AttemptRow,
     CampaignRow,
@@ -17,6 +16,7 @@ from service.db.tables import (
     SolutionRow,
     SolveRow,
 )
+from service.schemas.solution import Child, LineageGraph, Reproduction
 from service.store import records
 from service.store.claims import Turn, message_of, seeds_of
 from service.store.errors import UnknownRow

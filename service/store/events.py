@@ -5,9 +5,9 @@ from typing import Any
 from sqlalchemy import func, insert, select
 from sqlalchemy.orm import Session
 
-from service.api.schemas import EventView
 from service.db.dialect import flush_new, plain
 from service.db.tables import EventRow, JobRow, SearchRow
+from service.schemas.job import EventView
 
 _NOTE = insert(plain(EventRow))
 

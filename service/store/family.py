@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 from sqlalchemy import bindparam, func, select
 from sqlalchemy.orm import Session
 
-from service.api.problem_schemas import BestSolution, ProblemFamily, Relative
 from service.db.tables import ProblemRow, SearchRow, SolutionRow, SolveRow
+from service.schemas.problem import BestSolution, ProblemFamily, Relative
 from service.store.errors import UnknownRow
 
 #: Solutions and relatives that are listed.

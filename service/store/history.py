@@ -9,7 +9,8 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from core.analysis.metrics import feasibility_ratio
-from service.api.history_schemas import (
+from service.db.tables import CampaignRow, SearchRow
+from service.schemas.campaign import (
     BoxView,
     ChainView,
     HistoryView,
@@ -18,7 +19,6 @@ from service.api.history_schemas import (
     StepView,
     StrategyView,
 )
-from service.db.tables import CampaignRow, SearchRow
 from service.store.chronicle import Chronicle, Step, StrategyChronicle
 from service.store.chronicles import Chronicles
 from service.store.errors import UnknownRow

@@ -7,9 +7,9 @@ from sqlalchemy import Select, case, func, literal_column, select
 from sqlalchemy.orm import Session, aliased
 
 from core.search import HopSettings
-from service.api.search_schemas import HopColumns, HopsView, SeedOfSearch
 from service.db.sampling import mixed
 from service.db.tables import JobRow, SearchRow, SolutionRow, SolveRow
+from service.schemas.search import HopColumns, HopsView, SeedOfSearch
 from service.spec.search_spec import SearchSpec
 from service.store.control import get_search_row
 from service.store.hop_widths import widths

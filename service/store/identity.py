@@ -13,11 +13,10 @@ from sqlalchemy import ColumnElement, delete, select, update
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
-from service.access.rights import Role
 from service.access.tokens import Identity, Secret, hashed, is_secret_of, new_secret, taken_apart
-from service.api.identity_schemas import AuditPage, AuditView, NewToken, TokenView
 from service.db.engine import Database, DatabaseError
 from service.db.identity import AuditRow, SessionRow, TokenRow
+from service.schemas.identity import AuditPage, AuditView, NewToken, Role, TokenView
 from service.store.errors import Conflict, StoreError, UnknownRow
 
 log = logging.getLogger(__name__)

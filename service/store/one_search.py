@@ -5,10 +5,10 @@ from typing import cast
 from sqlalchemy.orm import Session
 
 from core.search import HopSettings
-from service.api.schemas import CampaignState, JobCounts, SearchState
-from service.api.search_schemas import BudgetView, LawsView, SearchDetail, SeedRules
 from service.db.tables import SearchRow
 from service.scheduler import plan
+from service.schemas.answer import CampaignState
+from service.schemas.search import BudgetView, JobCounts, LawsView, SearchDetail, SearchState, SeedRules
 from service.spec.search_spec import SearchSpec
 from service.store.control import get_search_row
 from service.store.progress import cases_of, numbers_of

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from sqlalchemy import ColumnElement, Row, and_, func, or_, select
 from sqlalchemy.orm import Session
 
-from service.api.solution_schemas import PointsView
 from service.db.tables import ProblemRow, SearchRow, SolutionRow, SolveRow
+from service.schemas.solution import PointsView
 from service.store.filter import Filter, Wanted
 
 #: Solutions that a search surely has in the picture, though others have thousands.

@@ -6,18 +6,12 @@ from typing import Any, NamedTuple, cast
 from sqlalchemy import ColumnElement, func, select
 from sqlalchemy.orm import Session, aliased, load_only
 
-from service.api.schemas import (
-    CampaignItem,
-    CampaignView,
-    CaseView,
-    JobCounts,
-    OutageView,
-    SearchState,
-    SearchView,
-)
 from service.db.tables import CampaignRow, CaseRow, SearchRow, SolutionRow, SolveRow
 from service.scheduler import plan
 from service.scheduler.states import ENDED
+from service.schemas.campaign import CampaignItem, CampaignView
+from service.schemas.problem import CaseView, OutageView
+from service.schemas.search import JobCounts, SearchState, SearchView
 from service.spec.search_spec import SearchSpec
 from service.store.errors import UnknownRow
 from service.store.specs import search_spec, spec_of

@@ -5,9 +5,9 @@ from typing import Any
 from sqlalchemy import select, true
 from sqlalchemy.orm import Session, aliased
 
-from service.api.activity_schemas import QueueView
 from service.db.tables import JOB_STATES, CampaignRow, JobRow, SearchRow
 from service.scheduler.leases import LeaseSettings
+from service.schemas.job import QueueView
 from service.store.tallies import job_states, summed
 
 #: What an operator may have to do something about.

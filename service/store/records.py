@@ -6,16 +6,6 @@ import numpy as np
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from service.api.schemas import (
-    Lineage,
-    LineageEdge,
-    LineageNode,
-    OutageView,
-    Record,
-    RecordPage,
-    RecordWithVector,
-)
-from service.api.solution_schemas import RecordInFull
 from service.db.tables import (
     AttemptRow,
     CampaignRow,
@@ -26,6 +16,16 @@ from service.db.tables import (
     SeedLinkRow,
     SolutionRow,
     SolveRow,
+)
+from service.schemas.problem import OutageView
+from service.schemas.solution import (
+    Lineage,
+    LineageEdge,
+    LineageNode,
+    Record,
+    RecordInFull,
+    RecordPage,
+    RecordWithVector,
 )
 from service.store.certificates import latest_row
 from service.store.errors import StoreError, UnknownRow

@@ -11,10 +11,10 @@ from sqlalchemy.orm import Session
 
 from core.analysis.distinct import features
 from core.problem import Problem, ProblemError, hashes_of, problem_from, validation_message
-from service.api.schemas import SeedPage
 from service.db.tables import CampaignRow, CaseRow, JobRow, ProblemRow, SearchRow, SolutionRow
 from service.scheduler import plan
 from service.scheduler.plan import Candidate, PlannedJob
+from service.schemas.solution import SeedPage
 from service.spec import Spec, SpecError
 from service.spec.search_spec import SearchSpec
 from service.store.candidates import candidates, n_candidates

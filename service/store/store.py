@@ -11,17 +11,26 @@ from sqlalchemy.orm import Session
 
 from core.analysis.facts import CampaignFacts
 from core.problem import Problem
-from service.api import schemas
-from service.api.history_schemas import CampaignCard, HistoryView
-from service.api.lineage_schemas import LineageGraph, Reproduction
-from service.api.problem_schemas import ProblemFamily
-from service.api.solution_schemas import ChoicesView, ClusterPage, PointsView, RecordInFull
 from service.db.engine import Database
 from service.db.place import place_of
 from service.db.postgres import server_time
 from service.portable.container import Entry
 from service.portable.reading import ReadFile
 from service.scheduler.leases import LeaseSettings
+from service.schemas.campaign import CampaignCard, CampaignItem, CampaignView, HistoryView
+from service.schemas.job import EventView, JobPage, JobView, WorkerPage
+from service.schemas.problem import ProblemFamily, ProblemPage, ProblemView
+from service.schemas.solution import (
+    ChoicesView,
+    ClusterPage,
+    LineageGraph,
+    PointsView,
+    RecordInFull,
+    RecordPage,
+    RecordWithVector,
+    Reproduction,
+    SeedPage,
+)
 from service.spec import Spec
 from service.store import (
     cards,
@@ -302,7 +311,7 @@ class Store:
             chain = portable_rows.chain_of_campaigns(session, campaign_id)
             take(chain[-1].spec_hash, portable_rows.entries(session, chain))
 
-    def campaigns(self) -> list[schemas.CampaignItem]:
+    def campaigns(self) -> list[CampaignItem]:
         """Return the campaigns, the newest first."""
         with self._database.read() as session:
             return progress.list_campaigns(session)
@@ -327,7 +336,7 @@ class Store:
         with self._database.read() as session:
             return spec_fields(session, campaign_id)
 
-    def campaign(self, campaign_id: int) -> schemas.CampaignView:
+    def campaign(self, campaign_id: int) -> CampaignView:
         """Return a campaign with its searches."""
         with self._database.read() as session:
             return progress.get_campaign(session, campaign_id, self._now(session))
@@ -358,7 +367,7 @@ class Store:
         limit: int,
         begin: Begin = Begin(),  # noqa: B008
         order: Order = Order(),  # noqa: B008
-    ) -> schemas.RecordPage:
+    ) -> RecordPage:
         """Return a page of solutions."""
         with self._database.read() as session:
             return records.list_records(session, wanted, order, begin, limit)
@@ -368,7 +377,7 @@ class Store:
         wanted: Filter,
         limit: int | None = None,
         order: Order = Order(),  # noqa: B008
-    ) -> list[schemas.RecordWithVector]:
+    ) -> list[RecordWithVector]:
         """Return the solutions of a filter with their vectors, all or the first so many."""
         with self._database.read() as session:
             return records.all_records(session, wanted, order, limit)
@@ -388,7 +397,7 @@ class Store:
         with self._database.read() as session:
             return choices.list_choices(session, campaign)
 
-    def record_pages(self, wanted: Filter, size: int = 100) -> Iterator[list[schemas.RecordWithVector]]:
+    def record_pages(self, wanted: Filter, size: int = 100) -> Iterator[list[RecordWithVector]]:
         """Yield all solutions of a filter in order of id; each page is one short transaction."""
         after = ""
         while True:
@@ -431,12 +440,12 @@ class Store:
         with self._database.read() as session:
             return missed_thrust.find_analyses(session, solution_id, campaign_id, limit)
 
-    def problems(self) -> schemas.ProblemPage:
+    def problems(self) -> ProblemPage:
         """Return the problems."""
         with self._database.read() as session:
             return catalogue.list_problems(session)
 
-    def problem(self, problem_hash: str) -> schemas.ProblemView:
+    def problem(self, problem_hash: str) -> ProblemView:
         """Return a problem."""
         with self._database.read() as session:
             return catalogue.get_problem(session, problem_hash)
@@ -448,17 +457,17 @@ class Store:
 
     def jobs(
         self, campaign: int | None, search: str | None, state: str | None, limit: int, after: int = 0
-    ) -> schemas.JobPage:
+    ) -> JobPage:
         """Return a page of jobs."""
         with self._database.read() as session:
             return catalogue.list_jobs(session, campaign, search, state, limit, after)
 
-    def job(self, job_id: int) -> schemas.JobView:
+    def job(self, job_id: int) -> JobView:
         """Return a job."""
         with self._database.read() as session:
             return catalogue.get_job(session, job_id)
 
-    def seeds_of_search(self, campaign_id: int, search: str, wanted: SeedsWanted) -> schemas.SeedPage:
+    def seeds_of_search(self, campaign_id: int, search: str, wanted: SeedsWanted) -> SeedPage:
         """Return what would seed a search, and how."""
         with self._database.read() as session:
             return seeds.seeds_of_search(session, campaign_id, search, wanted)
@@ -469,17 +478,17 @@ class Store:
         outages: Sequence[tuple[int, float]] | None,
         seed_k: int | None,
         wanted: SeedsWanted,
-    ) -> schemas.SeedPage:
+    ) -> SeedPage:
         """Return which solutions of the archive would seed a problem, and how."""
         with self._database.read() as session:
             return seeds.seeds_of_problem(session, problem_hash, outages, seed_k, wanted)
 
-    def workers(self) -> schemas.WorkerPage:
+    def workers(self) -> WorkerPage:
         """Return the workers that have registered, with the jobs that they hold."""
         with self._database.read() as session:
             return workers.list_workers(session, self._now(session), self.leases.lease_s)
 
-    def events(self, after: int, campaign: int | None = None, limit: int = 200) -> list[schemas.EventView]:
+    def events(self, after: int, campaign: int | None = None, limit: int = 200) -> list[EventView]:
         """Return the events that follow an id."""
         with self._database.read() as session:
             return events.events_after(session, after, campaign, limit)

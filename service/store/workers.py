@@ -6,9 +6,9 @@ from typing import Any
 from sqlalchemy import bindparam, select, update
 from sqlalchemy.orm import Session
 
-from service.api.schemas import WorkerPage
 from service.db.dialect import insert_new, plain
 from service.db.tables import JobRow, WorkerRow
+from service.schemas.job import WorkerPage
 from service.store.errors import WorkerRefused
 from workers.job import WorkerInfo
 from workers.provenance import code_version

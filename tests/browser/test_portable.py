@@ -1,8 +1,8 @@
 """A campaign taken away from its page as a file, and brought to the list of another installation."""
 
-from service.access.rights import Role
 from service.access.security import Access
 from service.portable.files import portable
+from service.schemas.identity import Role
 from tests.acceptance import known
 
 MARKUP = "<img src=x onerror=alert(1)>"

@@ -4,9 +4,9 @@ import re
 
 import pytest
 
-from service.access.rights import Role
 from service.access.security import Access
 from service.dashboard.views import VIEWS
+from service.schemas.identity import Role
 from tests.acceptance import known
 
 

@@ -5,9 +5,9 @@ import json
 import pytest
 
 from core.problem import load_problem
-from service.api.certificate_examples import EXAMPLES
 from service.missed_thrust.analysis_spec import analysis_spec, grid_of
 from service.missed_thrust.views import views_of
+from service.schemas.certificate_examples import EXAMPLES
 from service.spec import spec_from
 from service.store.filter import Filter
 from tests.acceptance import known

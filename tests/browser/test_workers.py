@@ -4,9 +4,9 @@ import re
 
 import pytest
 
-from service.access.rights import Role
 from service.access.security import access_on
 from service.coordinator import WebServer, open_port
+from service.schemas.identity import Role
 from service.settings import Settings
 from service.store import Store
 from tests.browser import hopping

@@ -4,9 +4,9 @@ import httpx
 import pytest
 from fastapi.testclient import TestClient
 
-from service.access.rights import Role
 from service.access.security import Access
 from service.app import create_app
+from service.schemas.identity import Role
 from tests.service.by_hand import worker_info
 from tests.service.campaigns import submitted
 from tests.service.databases import rows

@@ -3,10 +3,10 @@ import pytest
 from fastapi.testclient import TestClient
 
 from service.access.limits import MAX_CLIENTS, Buckets, Streams
-from service.access.rights import Role
 from service.access.security import Access, BindError, access_on
 from service.app import create_app
 from service.coordinator import WebServer, open_port
+from service.schemas.identity import Role
 from service.settings import Settings
 from tests.service.campaigns import spec_fields
 

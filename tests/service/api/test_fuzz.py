@@ -12,10 +12,10 @@ from fastapi.testclient import TestClient
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from service.access.rights import Role
 from service.access.security import Access
 from service.access.tokens import COOKIE
 from service.app import create_app
+from service.schemas.identity import Role
 from service.settings import Settings
 from tests.service.campaigns import spec_fields
 

@@ -2,9 +2,9 @@ import pytest
 from fastapi.testclient import TestClient
 from prometheus_client.parser import text_string_to_metric_families
 
-from service.access.rights import Role
 from service.access.security import Access
 from service.app import create_app
+from service.schemas.identity import Role
 from service.store import Store
 from tests.service.by_hand import work_off, worker_info
 from tests.service.campaigns import submitted

@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import pytest
 
 from service import cli
-from service.api.schemas import EventView
 from service.cli import control
 from service.cli.options import console
 from service.client import ClientError
 from service.coordinator import Coordinator
+from service.schemas.job import EventView
 from tests.service.campaigns import finish, spec_fields, submitted
 from tests.workers.fake import run_broken
 from tests.workers.jobs import worker_info

@@ -5,8 +5,8 @@ import sys
 import pytest
 
 from service import cli
-from service.access.rights import Role
 from service.coordinator import Coordinator
+from service.schemas.identity import Role
 from service.store import Store
 
 

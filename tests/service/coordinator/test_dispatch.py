@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from service.access.rights import Role
 from service.client import Client, ClientError
 from service.coordinator import Coordinator, Crew
 from service.coordinator.supervisor import Supervisor
 from service.db.errors import WriteFault
 from service.scheduler.leases import LeaseSettings
+from service.schemas.identity import Role
 from service.store import Store
 from tests.service.campaigns import content, finish, spec_fields, submitted
 from tests.service.databases import rows

@@ -5,8 +5,8 @@ from datetime import timedelta
 import pytest
 from sqlalchemy import func, select
 
-from service.api.certificate_examples import EXAMPLES
 from service.db.tables import CertificateRow
+from service.schemas.certificate_examples import EXAMPLES
 from service.store import UnknownRow
 from service.store.filter import Filter
 from tests.service.campaigns import finish, submitted

@@ -2,8 +2,8 @@ import threading
 
 import pytest
 
-from service.access.rights import Role
 from service.coordinator.reaper import Reaper
+from service.schemas.identity import Role
 from service.store import Store, pruning
 from tests.service.campaigns import finish, submitted
 from tests.service.clock import Clock

@@ -1,6 +1,93 @@
-"""The JSON of one search: how it is set up, how far it is, and what became of its solves."""
+"""Searches as the API shows them: how one is set up, how far it is, and what became of its solves."""
 
-from service.api.schemas import Answer, CampaignState, CaseView, JobCounts, SearchState
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from service.schemas.answer import Answer, CampaignState
+from service.schemas.problem import CaseView
+
+SearchState = Literal["waiting", "active", "paused", "done", "cancelled"]
+
+
+class JobCounts(Answer):
+    """How many jobs are in each state."""
+
+    queued: int = 0
+    running: int = 0
+    done: int = 0
+    dead: int = 0
+    cancelled: int = 0
+
+
+class SearchView(Answer):
+    """A search and how far it is."""
+
+    #: Row id; `name` is the id of the campaign's specification.
+    id: int
+    name: str
+    strategy: str
+    state: SearchState
+    #: Lower goes first; those of equal priority share the workers by weight.
+    priority: int
+    weight: float
+    k: int
+    #: The problems that it is about.
+    cases: list[CaseView]
+    #: The mappings of its seeds, separated by commas.
+    mapping: str | None
+    #: Name of the search that the seeds come from.
+    seeds_from: str | None
+    #: Solves per chain; with one there is nothing to hop from.
+    hops: int
+    jobs: JobCounts
+    #: Solves planned so far; None while a budget in core seconds or solutions is open.
+    n_guesses_planned: int | None
+    n_solves: int
+    #: Solves that the verifier found feasible at the paper's and at the strict tolerance.
+    n_paper: int
+    n_strict: int
+    #: Different solutions in the archive.
+    n_solutions: int
+    endings: dict[str, int]
+    #: Solves by name of their `core.nlp.ExitStatus`.
+    statuses: dict[str, int]
+    best_solution_id: str | None
+    best_delta_v_km_s: float | None
+    best_propellant_kg: float | None
+    best_final_mass_kg: float | None
+    cpu_seconds: float
+
+
+#: One group: the fields of a record of core.analysis, parts as field_part; null where there is no number.
+MetricsRow = dict[str, str | int | float | None]
+
+
+class MetricsView(Answer):
+    """What the strategies of a campaign are worth: the tables of its report."""
+
+    campaign_id: int
+    by_strategy: list[MetricsRow]
+    by_mapping: list[MetricsRow]
+    seed_yields: list[MetricsRow]
+    seed_chains: list[MetricsRow]
+    paired_changes: list[MetricsRow]
+
+
+class PriorityWanted(BaseModel):
+    """Another priority; lower goes first."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    priority: int = Field(ge=-1_000_000, le=1_000_000)
+
+
+class WeightWanted(BaseModel):
+    """Another weight; a search of weight 2 gets twice the processor time of one of weight 1."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    weight: float = Field(ge=1e-3, le=1e6, allow_inf_nan=False)
 
 
 class LawsView(Answer):

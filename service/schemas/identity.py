@@ -1,12 +1,32 @@
-"""The JSON of tokens, sessions and the audit."""
+"""Who may do what: one line per route, and a route without a line is for nobody.
+
+`service.access.guard` looks here before a route runs.  Roles grow, viewer < submitter < admin; a worker
+stands apart: it reads, and takes, keeps and returns jobs, but changes nothing else.
+
+The JSON of tokens, sessions and the audit.
+"""
 
 from datetime import datetime
+from enum import StrEnum
 from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, SecretStr
 
-from service.access.rights import Role
-from service.api.schemas import Answer
+from service.schemas.answer import Answer
+
+
+class Role(StrEnum):
+    """What a token is for."""
+
+    #: Reads everything but tokens and the audit.
+    VIEWER = "viewer"
+    #: Submits campaigns and steers them, too.
+    SUBMITTER = "submitter"
+    #: Does everything.
+    ADMIN = "admin"
+    #: Works on jobs.
+    WORKER = "worker"
+
 
 #: How long a token may live at most [d].
 MAX_DAYS = 3650.0

@@ -4,8 +4,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from service.api import activity_schemas, search_schemas
-from service.api.examples import AT, LATER, OUTAGE, ROBUST, SEED, SOLUTION
+from service.schemas import job, search
+from service.schemas.examples import AT, LATER, OUTAGE, ROBUST, SEED, SOLUTION
 
 ATTEMPT = {
     "job_id": 17,
@@ -94,16 +94,16 @@ QUEUE = {
 }
 
 EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
-    search_schemas.SearchDetail: DETAIL,
-    search_schemas.HopsView: {
+    search.SearchDetail: DETAIL,
+    search.HopsView: {
         "solves": SOLVES,
         "seeds": [SEED_USED],
         "n_shown": 1,
         "n_all": 11,
         "last": 42,
     },
-    activity_schemas.AttemptPage: {"since": AT, "until": LATER, "items": [ATTEMPT], "n_all": 1},
-    activity_schemas.AttemptsOfJob: {"items": [ATTEMPT | {"error": None}]},
-    activity_schemas.QueueView: QUEUE,
-    activity_schemas.Requeued: {"n_jobs": 3},
+    job.AttemptPage: {"since": AT, "until": LATER, "items": [ATTEMPT], "n_all": 1},
+    job.AttemptsOfJob: {"items": [ATTEMPT | {"error": None}]},
+    job.QueueView: QUEUE,
+    job.Requeued: {"n_jobs": 3},
 }

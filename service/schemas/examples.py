@@ -4,7 +4,12 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from service.api import identity_schemas, lineage_schemas, problem_schemas, schemas, solution_schemas
+from service.schemas import identity, problem, solution
+from service.schemas.campaign import CampaignView
+from service.schemas.job import EventPage, JobPage, JobView, WorkerPage
+from service.schemas.problem import ProblemPage, ProblemView
+from service.schemas.search import MetricsView
+from service.schemas.solution import RecordPage, SeedPage
 from workers.job import ClaimAnswer, CompleteAnswer, CompleteManyAnswer, HandInAnswer, HeartbeatAnswer
 
 SOLUTION = "63dd0ec3a1b24c7f9e5d8b6a4f2c1e07"
@@ -219,7 +224,7 @@ HOP_JOB = {
 }
 
 EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
-    schemas.CampaignView: CAMPAIGN
+    CampaignView: CAMPAIGN
     | {
         "problem": DEFINITION,
         "searches": [SEARCH],
@@ -228,7 +233,7 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
         "elapsed_seconds": 198.0,
         "cpu_seconds": 15.4,
     },
-    schemas.MetricsView: {
+    MetricsView: {
         "campaign_id": 1,
         "by_strategy": [
             {
@@ -244,20 +249,20 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
         "seed_chains": [],
         "paired_changes": [],
     },
-    schemas.RecordPage: {"items": [RECORD], "next": f"0x1.99da51eb851ecp+13_{SOLUTION}"},
-    solution_schemas.PointsView: POINTS,
-    solution_schemas.ClusterPage: {
+    RecordPage: {"items": [RECORD], "next": f"0x1.99da51eb851ecp+13_{SOLUTION}"},
+    solution.PointsView: POINTS,
+    solution.ClusterPage: {
         "items": [CLUSTER],
         "n_clusters": 85,
         "n": 706,
         "n_compared": 706,
         "threshold": 0.05,
     },
-    solution_schemas.ChoicesView: CHOICES,
-    solution_schemas.RecordInFull: RECORD
+    solution.ChoicesView: CHOICES,
+    solution.RecordInFull: RECORD
     | {"certificate_hash": None}
     | {"x": [71.3, 2.1, 4.0, 0.71], "verification": {"integrator": "DOP853", "tolerance": 1e-12}},
-    lineage_schemas.LineageGraph: {
+    solution.LineageGraph: {
         "id": SOLUTION,
         "nodes": [
             NODE | {"id": SOLUTION},
@@ -269,18 +274,18 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
         "n_mapped": 4,
         "command": f"coastarc solutions reproduce {SOLUTION}",
     },
-    lineage_schemas.Reproduction: {name: RECORD[name] for name in PROVENANCE}
+    solution.Reproduction: {name: RECORD[name] for name in PROVENANCE}
     | {"id": SOLUTION, "problem_hash": ROBUST, "job": HOP_JOB, "hop": 0, "x": [71.3, 2.1, 4.0, 0.71]}
     | {"python_version": "3.11.7"},
-    problem_schemas.ProblemFamily: {
+    problem.ProblemFamily: {
         "n_solutions": 10,
-        "best": [{name: RECORD[name] for name in problem_schemas.BestSolution.model_fields}],
+        "best": [{name: RECORD[name] for name in problem.BestSolution.model_fields}],
         "fewer": [RELATIVE],
         "more": [],
         "n_fewer": 1,
         "n_more": 0,
     },
-    problem_schemas.ProblemStructure: {
+    problem.ProblemStructure: {
         "hash": ROBUST,
         "n_variables": 236,
         "n_defects": 14,
@@ -296,20 +301,20 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
         "chances": [{"arc_days": 48.0, "none": 0.772, "one": 0.196, "several": 0.032}],
         "durations": [{"days": 1.5, "at_most": 0.433}],
     },
-    schemas.SeedPage: {"items": [SEEDING], "n_candidates": 28, "is_cut": True},
-    schemas.ProblemPage: {"items": [ITEM]},
-    schemas.ProblemView: ITEM | {"definition": DEFINITION},
-    schemas.JobPage: {"items": [JOB], "next": 17},
-    schemas.JobView: JOB,
-    schemas.WorkerPage: {"items": [WORKER]},
-    schemas.EventPage: {"items": [EVENT | {"data": {"search": "s0", "search_id": 1, "state": "done"}}]},
-    identity_schemas.TokenRequest: {"name": "ada", "role": "submitter", "days": 90.0},
-    identity_schemas.TokenView: TOKEN,
-    identity_schemas.NewToken: TOKEN | {"token": SIGNED_IN},
-    identity_schemas.TokenPage: {"items": [TOKEN]},
-    identity_schemas.SignIn: {"token": SIGNED_IN},
-    identity_schemas.SessionView: {"name": "ada", "role": "submitter"},
-    identity_schemas.AuditPage: {"items": [AUDIT], "next": 9},
+    SeedPage: {"items": [SEEDING], "n_candidates": 28, "is_cut": True},
+    ProblemPage: {"items": [ITEM]},
+    ProblemView: ITEM | {"definition": DEFINITION},
+    JobPage: {"items": [JOB], "next": 17},
+    JobView: JOB,
+    WorkerPage: {"items": [WORKER]},
+    EventPage: {"items": [EVENT | {"data": {"search": "s0", "search_id": 1, "state": "done"}}]},
+    identity.TokenRequest: {"name": "ada", "role": "submitter", "days": 90.0},
+    identity.TokenView: TOKEN,
+    identity.NewToken: TOKEN | {"token": SIGNED_IN},
+    identity.TokenPage: {"items": [TOKEN]},
+    identity.SignIn: {"token": SIGNED_IN},
+    identity.SessionView: {"name": "ada", "role": "submitter"},
+    identity.AuditPage: {"items": [AUDIT], "next": 9},
     ClaimAnswer: {"claims": [HELD | {"job": HOP_JOB}], "lease_s": 30.0, "heartbeat_s": 10.0},
     HeartbeatAnswer: {"extended": [HELD], "to_cancel": [], "not_held": []},
     HandInAnswer: HELD | {"next_hop": 4},

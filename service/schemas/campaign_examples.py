@@ -4,8 +4,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from service.api import history_schemas, portable_schemas, spec_schemas
-from service.api.examples import CAMPAIGN, SOLUTION
+from service.schemas import campaign, problem
+from service.schemas.examples import CAMPAIGN, SOLUTION
 
 _RATIO = {"value": 0.91, "low": 0.62, "high": 0.98}
 #: What a campaign looks like in a list, and how it came to what it has found.
@@ -102,10 +102,10 @@ TAKEN_IN = {
 }
 
 EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
-    history_schemas.CampaignCards: {"items": [CARD]},
-    history_schemas.HistoryView: HISTORY,
-    portable_schemas.TakenInView: TAKEN_IN,
-    spec_schemas.SpecCheck: {"faults": [], "fields": SPEC, "plan": SPEC_PLAN},
-    spec_schemas.SpecText: SPEC_TEXT,
-    spec_schemas.SpecTemplates: {"items": [SPEC_TEXT]},
+    campaign.CampaignCards: {"items": [CARD]},
+    campaign.HistoryView: HISTORY,
+    campaign.TakenInView: TAKEN_IN,
+    problem.SpecCheck: {"faults": [], "fields": SPEC, "plan": SPEC_PLAN},
+    problem.SpecText: SPEC_TEXT,
+    problem.SpecTemplates: {"items": [SPEC_TEXT]},
 }

@@ -1,6 +1,42 @@
-"""The JSON of the history of a campaign, and of campaigns in a list with what they have found so far."""
+"""Campaigns as the API shows them: lists, progress, history, and what became of an imported file."""
 
-from service.api.schemas import Answer, CampaignItem
+from datetime import datetime
+from typing import Any
+
+from service.schemas.answer import Answer, CampaignState
+from service.schemas.search import SearchView
+
+
+class CampaignItem(Answer):
+    """A campaign in a list."""
+
+    id: int
+    name: str
+    state: CampaignState
+    #: Lower goes first.
+    priority: int
+    created_at: datetime
+    finished_at: datetime | None
+    rng_seed: int
+    n_jobs: int
+    #: Jobs that ended: done, dead or cancelled.
+    n_done: int
+    n_solves: int
+    n_solutions: int
+    best_delta_v_km_s: float | None
+
+
+class CampaignView(CampaignItem):
+    """A campaign with its searches."""
+
+    #: The reference problem P_0 with every field written out.
+    problem: dict[str, Any]
+    searches: list[SearchView]
+    rate_per_min: float
+    #: None while it cannot be told.
+    eta_seconds: float | None
+    elapsed_seconds: float
+    cpu_seconds: float
 
 
 class Outcomes(Answer):
@@ -123,3 +159,15 @@ class HistoryView(Answer):
     strategies: list[StrategyView]
     chains: list[ChainView]
     delta_v: list[BoxView]
+
+
+class TakenInView(Answer):
+    """A campaign that came as a file; all zero, and no names, if everything was there already."""
+
+    #: That of the campaign that the file is about, as it is called here.
+    campaign_id: int
+    #: By name, with those that only give seeds.
+    new_campaigns: list[str]
+    n_solves: int
+    n_solutions: int
+    n_certificates: int

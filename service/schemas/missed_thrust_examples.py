@@ -4,8 +4,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from service.api.examples import SOLUTION
-from service.api.missed_thrust_schemas import MissedThrustPage
+from service.schemas.examples import SOLUTION
+from service.schemas.solution import MissedThrustPage
 
 RISK = {
     "segment": 24,

@@ -4,7 +4,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from service.api.examples import AT, LATER, OUTAGE, ROBUST, SOLUTION
+from service.schemas.examples import AT, LATER, OUTAGE, ROBUST, SOLUTION
 from workers.certificate import CertificateDocument
 
 _EARTH = {
