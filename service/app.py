@@ -8,10 +8,6 @@ from fastapi import APIRouter, FastAPI
 from fastapi.middleware.gzip import GZipMiddleware
 from starlette.routing import BaseRoute
 
-from service.access.guard import Guard
-from service.access.heavy import HeavyWork
-from service.access.limits import Streams
-from service.access.security import Access, access_on
 from service.api import (
     archive,
     attempts,
@@ -34,7 +30,10 @@ from service.api import (
     tokens,
 )
 from service.api.document import finish_document
-from service.api.errors import REFUSALS, add_error_handlers
+from service.auth.guard import Guard, Streams
+from service.auth.network import Access, access_on
+from service.auth.request_limits import HeavyWork
+from service.errors import REFUSALS, add_error_handlers
 from service.settings import Settings
 from service.store import Store
 

@@ -18,7 +18,7 @@ import httpx
 from pydantic import BaseModel, ValidationError
 
 from core.faults import UserError
-from service.access.security import MAX_PORTABLE_BYTES
+from service.auth.network import MAX_PORTABLE_BYTES
 from service.schemas.campaign import CampaignCards, CampaignItem, CampaignView, TakenInView
 from service.schemas.job import EventPage, EventView, JobPage, JobView, WorkerPage
 from service.schemas.problem import ProblemView

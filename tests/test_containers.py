@@ -12,7 +12,7 @@ import pytest
 import typer
 import yaml
 
-from service.access.rights import ANYONE, RIGHTS
+from service.auth.rights import ANYONE, RIGHTS
 from service.cli import app_of
 from service.cli.options import DEFAULT_PORT
 from service.db.place import URL_VARIABLE, database_url

@@ -14,7 +14,7 @@ from service.api.jobs import CONFLICT
 from service.schemas.campaign import CampaignView
 from service.schemas.search import PriorityWanted, WeightWanted
 from service.spec import spec_from
-from service.spec.resolve import require_flyable
+from service.spec.spec import require_flyable
 from service.store import Store
 
 router = APIRouter(tags=["campaigns"])

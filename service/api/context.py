@@ -4,10 +4,10 @@ from typing import Annotated
 
 from fastapi import Depends, Path, Query, Request
 
-from service.access.heavy import HeavyWork
-from service.access.security import Access
-from service.access.tokens import Identity
+from service.auth.network import Access
+from service.auth.request_limits import HeavyWork
 from service.store import Store
+from service.store.identity import Identity
 
 
 def _store(request: Request) -> Store:
@@ -26,7 +26,7 @@ async def _heavy(request: Request) -> HeavyWork:
 
 
 def _identity(request: Request) -> Identity:
-    # Set by `service.access.guard`, which lets nobody through without.
+    # Set by `service.auth.guard`, which lets nobody through without.
     identity: Identity = request.state.identity
     return identity
 
@@ -35,7 +35,7 @@ StoreHere = Annotated[Store, Depends(_store)]
 AccessHere = Annotated[Access, Depends(_access)]
 #: Where a route runs that keeps a processor busy for seconds.
 HeavyHere = Annotated[HeavyWork, Depends(_heavy)]
-#: Who asks: for routes whose line in `service.access.rights` names roles.
+#: Who asks: for routes whose line in `service.auth.rights` names roles.
 IdentityHere = Annotated[Identity, Depends(_identity)]
 #: Ids fit into the database's integers.
 Id = Annotated[int, Path(ge=1, lt=2**63)]

@@ -1,7 +1,7 @@
 """The web pages and their files: HTML for people, where the rest of the service speaks JSON.
 
 Data reaches a page through the same API as everybody else; nothing here reads the store.  The headers
-that guard a page are those of every answer, `service.access.security`.
+that guard a page are those of every answer, `service.auth.network`.
 """
 
 from collections.abc import Callable

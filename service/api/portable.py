@@ -8,13 +8,13 @@ from fastapi import APIRouter, Depends, Request, Response
 from fastapi.responses import StreamingResponse
 from starlette.background import BackgroundTask
 
-from service.access.request_body import save_body
-from service.access.security import MAX_PORTABLE_BYTES
 from service.api.context import Id, StoreHere
 from service.api.jobs import CONFLICT
-from service.portable.files import file_name, packed, pieces, take_in_file
+from service.auth.network import MAX_PORTABLE_BYTES
+from service.auth.request_limits import save_body
 from service.schemas.campaign import TakenInView
 from service.solutions.export import ZIP
+from service.store.archive_files import file_name, packed, pieces, take_in_file
 
 router = APIRouter(tags=["campaigns"])
 

@@ -11,8 +11,8 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Histo
 from prometheus_client.registry import Collector
 
 from service.api.context import StoreHere
+from service.db.engine import CLASSES_S
 from service.db.tables import CAMPAIGN_STATES, ENDINGS, JOB_STATES
-from service.db.write_times import CLASSES_S
 from service.store import Store
 from service.store.gauges import Reading
 

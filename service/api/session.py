@@ -10,12 +10,11 @@ from urllib.parse import parse_qs
 from fastapi import APIRouter, Depends, Query, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
 
-from service.access.tokens import COOKIE
 from service.api.context import AccessHere, IdentityHere, StoreHere
 from service.dashboard.render import page
 from service.schemas.identity import SessionView, SignIn
 from service.store import Store
-from service.store.identity import RefusedToken
+from service.store.identity import COOKIE, RefusedToken
 
 router = APIRouter(tags=["session"])
 pages = APIRouter(include_in_schema=False)

@@ -13,10 +13,9 @@ from sqlalchemy.orm import Session
 from core.constants import SECONDS_PER_DAY
 from core.problem import calendar_epoch, content_hash
 from service.bench.load import PROVENANCE
-from service.db.dialect import insert_new, plain
+from service.db.dialect import FILL_TALLIES, TOTALS, insert_new, plain
 from service.db.engine import Database
 from service.db.place import place_of
-from service.db.recount import FILL_TALLIES, TOTALS
 from service.db.tables import (
     AttemptRow,
     Base,
@@ -27,12 +26,11 @@ from service.db.tables import (
     SolutionRow,
     SolveRow,
 )
-from service.solutions.checks import facts_of, figures
-from service.solutions.solution_hash import solution_hash
 from service.spec import Spec
 from service.spec.search_spec import SearchSpec
 from service.store import Store
 from service.store.events import noted
+from service.validation import facts_of, figures, solution_hash
 from workers.job import KIND_NUMBERS
 
 #: Far beyond the chains that are planned when the campaign is submitted.

@@ -25,7 +25,7 @@ from service.benchmark.certificate import differences, largest_miss_km, read_cer
 from service.benchmark.states_file import jumps
 from service.benchmark.vector_file import read_vector
 from service.schemas.answer import Check
-from service.solutions.solution_hash import solution_hash
+from service.validation import solution_hash
 from workers.certificate import CertificateContent
 from workers.certifier import certificate_of
 

@@ -8,7 +8,7 @@ from service.benchmark.benchmark_set import Case
 from service.benchmark.check import problem_mass
 from service.benchmark.vector_file import read_vector
 from service.schemas.answer import Answer
-from service.solutions.solution_hash import solution_hash
+from service.validation import solution_hash
 
 
 class Judgement(Answer):

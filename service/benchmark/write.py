@@ -29,8 +29,8 @@ from service.benchmark.benchmark_set import (
 )
 from service.benchmark.check import problem_mass
 from service.benchmark.states_file import SAMPLES_PER_RADIAN
-from service.solutions.solution_hash import solution_hash
-from service.spec.toml_text import toml_text
+from service.spec.spec_text import toml_text
+from service.validation import solution_hash
 from workers.bench_seeds import Solution
 from workers.certificate import CertificateFile
 from workers.certifier import certificate_of

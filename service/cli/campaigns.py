@@ -6,16 +6,16 @@ from typing import Annotated
 
 import typer
 
+from service.archive_format.container import PortableError
 from service.cli.control import Readable, readable
 from service.cli.options import DATA, Data, Json, MaybeUrl, client_of, console, print_json
 from service.client import Client
 from service.coordinator.lock import FolderLock, LockError
 from service.db.place import make_folder
 from service.new_file import write_new
-from service.portable.errors import PortableError
-from service.portable.files import file_name, portable, take_in_file
 from service.schemas.campaign import TakenInView
 from service.store import Store
+from service.store.archive_files import file_name, portable, take_in_file
 
 campaigns = typer.Typer(help="Take campaigns from one installation to another.", no_args_is_help=True)
 

@@ -12,7 +12,7 @@ from service.cli import terminal
 from service.cli.faults import complain
 from service.cli.options import DATA, DEFAULT_URL, Data, Json, MaybeUrl, Url, client_of, console, print_json
 from service.client import Client, ClientError, Verb
-from service.scheduler.states import ENDED
+from service.db.transitions import ENDED
 from service.schemas.answer import Answer
 from service.schemas.campaign import CampaignItem, CampaignView
 from service.schemas.job import EventView, JobPage, JobView, WorkerPage, WorkerView

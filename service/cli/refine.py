@@ -13,9 +13,9 @@ from service.cli import terminal
 from service.cli.options import DATA, Data, Json, console, print_json
 from service.cli.run import crew_of, run_to_end
 from service.coordinator import Coordinator
-from service.scheduler.states import ENDED
+from service.db.transitions import ENDED
 from service.solutions.refine import Step, best_of, check_segments, first_step, next_step, refinement_spec
-from service.spec.resolve import require_flyable
+from service.spec.spec import require_flyable
 from service.store import Store
 from workers.dispatch import ExecutorKind
 

@@ -16,11 +16,11 @@ from service.cli.faults import complain
 from service.cli.options import DATA, DEFAULT_PORT, WORKERS, Data, SpecFile, Workers, console
 from service.coordinator import Coordinator, Crew
 from service.db.errors import Unavailable
-from service.scheduler.states import ENDED
+from service.db.transitions import ENDED
 from service.schemas.campaign import CampaignView
 from service.schemas.job import JobView
 from service.spec import load_spec
-from service.spec.resolve import require_flyable
+from service.spec.spec import require_flyable
 from service.store import Store
 from workers.dispatch import RUNNER, ExecutorKind
 

@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from core.analysis.metrics import feasibility_ratio
-from service.scheduler.states import ENDED
+from service.db.transitions import ENDED
 from service.schemas.campaign import CampaignItem, CampaignView
 from service.schemas.job import JobView, WorkerView
 from service.schemas.search import SearchView

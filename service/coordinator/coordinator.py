@@ -19,8 +19,8 @@ import uvicorn
 from pydantic import SecretStr
 
 from core.faults import UserError
-from service.access.security import Access, access_on
 from service.app import create_app
+from service.auth.network import Access, access_on
 from service.coordinator.connections import PatientProtocol, most_connections
 from service.coordinator.history_reader import read_history
 from service.coordinator.lock import FolderLock, openness
@@ -28,7 +28,7 @@ from service.coordinator.planning import finish_planning
 from service.coordinator.reaper import Reaper
 from service.coordinator.supervisor import LEAVE_S, Supervisor
 from service.db.engine import Unavailable, WriteFault, unusable
-from service.scheduler.leases import LeaseSettings
+from service.scheduler.plan import LeaseSettings
 from service.schemas.identity import Role
 from service.settings import Settings
 from service.store import Store
@@ -127,7 +127,7 @@ class WebServer:
         self.url = f"http://{shown}:{listener.getsockname()[1]}"
         self._closing = threading.Event()
         self.app = create_app(store, self._closing.is_set, access)
-        # Which proxy is believed is decided by `service.access.security`, which has to see who really sends.
+        # Which proxy is believed is decided by `service.auth.network`, which has to see who really sends.
         config = uvicorn.Config(
             self.app,
             log_level="warning",

@@ -10,12 +10,11 @@ from pathlib import Path
 
 from sqlalchemy import Connection, insert, select
 
-from service.db import postgres, sqlite_file
+from service.db import postgres, sqlite
 from service.db.dialect import create_tables, go_on_counting, is_empty
 from service.db.errors import DatabaseError, no_archive
-from service.db.place import Place, shown
+from service.db.place import Place, shown, version_of
 from service.db.tables import SCHEMA_VERSION, Base
-from service.db.upgrade import version_of
 
 #: Rows that are in memory at once.
 CHUNK = 500
@@ -26,7 +25,7 @@ def backup(place: Place, file: Path) -> None:
     if file.exists():
         raise DatabaseError(f"backup {file}: expected a new file, got one that exists; name another")
     if isinstance(place, Path):
-        if not sqlite_file.is_file(place):
+        if not sqlite.is_file(place):
             raise no_archive(place)
         _appear(file, lambda target: _vacuum(place, target))
     else:
@@ -36,9 +35,9 @@ def backup(place: Place, file: Path) -> None:
 
 def restore(file: Path, place: Place) -> int:
     """Fill an empty place from a backup; return the schema version of what is there then."""
-    if not sqlite_file.is_file(file):
+    if not sqlite.is_file(file):
         raise DatabaseError(f"backup: expected a file, got {file}, which is none")
-    if faults := sqlite_file.integrity_faults(file):
+    if faults := sqlite.integrity_faults(file):
         raise DatabaseError(f"backup {file}: expected a whole archive, got {faults[0]}")
     version = version_of(file)
     if version is None or version > SCHEMA_VERSION:
@@ -64,7 +63,7 @@ def _appear(file: Path, make: Callable[[Path], None]) -> None:
     partial = file.with_name(file.name + ".partial")
     try:
         partial.unlink(missing_ok=True)
-        sqlite_file.make_private(partial)
+        sqlite.make_private(partial)
         make(partial)
         with open(partial, "rb") as made:
             os.fsync(made.fileno())
@@ -81,9 +80,9 @@ def _appear(file: Path, make: Callable[[Path], None]) -> None:
 
 def _vacuum(source: Path, target: Path) -> None:
     # One read transaction, in which writers are not held up; the copy has no holes and no journal.
-    connection = sqlite3.connect(sqlite_file.read_only_address(source), uri=True, isolation_level=None)
+    connection = sqlite3.connect(sqlite.read_only_address(source), uri=True, isolation_level=None)
     try:
-        connection.execute(f"PRAGMA busy_timeout = {sqlite_file.BUSY_TIMEOUT_MS}")
+        connection.execute(f"PRAGMA busy_timeout = {sqlite.BUSY_TIMEOUT_MS}")
         connection.execute("VACUUM INTO ?", (str(target),))
     finally:
         connection.close()
@@ -91,12 +90,12 @@ def _vacuum(source: Path, target: Path) -> None:
 
 def _from_postgres(place: Place, target: Path) -> None:
     assert not isinstance(place, Path)
-    reader, writer = postgres.reader_engine(place), sqlite_file.writer_engine(target, checks_references=False)
+    reader, writer = postgres.reader_engine(place), sqlite.writer_engine(target, checks_references=False)
     try:
         with reader.connect() as source, writer.begin() as connection:
             create_tables(connection, SCHEMA_VERSION)
             _copy(source, connection)
-            if faults := sqlite_file.reference_faults(connection):
+            if faults := sqlite.reference_faults(connection):
                 raise DatabaseError(f"archive {shown(place)}: expected whole rows, got {faults[0]}")
     finally:
         reader.dispose()
@@ -106,7 +105,7 @@ def _from_postgres(place: Place, target: Path) -> None:
 
 def _to_postgres(file: Path, place: Place) -> None:
     assert not isinstance(place, Path)
-    reader, writer = sqlite_file.reader_engine(file), postgres.writer_engine(place)
+    reader, writer = sqlite.reader_engine(file), postgres.writer_engine(place)
     try:
         with reader.connect() as source, writer.begin() as connection:
             if not is_empty(connection):

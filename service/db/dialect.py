@@ -1,10 +1,19 @@
-"""What SQLite and PostgreSQL say each in its own way, on a connection that is open."""
+"""What SQLite and PostgreSQL say each in its own way, on a connection that is open.
+
+Rows chosen evenly by their ids, the same ones each time.
+
+Counting by a column, which several queries do.
+
+What tallies have to be: counted from the rows, which takes long.
+
+For archives that had none, for `coastarc db check`, and for tests; see `service.store.tallies`.
+"""
 
 from collections.abc import Sequence
 from functools import cache
 from typing import Any, cast
 
-from sqlalchemy import Connection, Table, inspect
+from sqlalchemy import Connection, Select, Table, inspect
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.orm import Session
 
@@ -113,3 +122,65 @@ def go_on_counting(connection: Connection) -> None:
             connection.exec_driver_sql(
                 f"SELECT setval({sequence}, coalesce({greatest}, 1), {greatest} IS NOT NULL)"
             )
+
+
+#: 2^32 divided by the golden ratio: multiples of it, modulo 2^32, are spread evenly, whatever goes round in
+#: the ids, as cases and workers do.
+STEP = 2654435761
+SPAN = 2**32
+
+
+def mixed(column: Any) -> Any:
+    """Return an expression whose values lie evenly in [0, SPAN), and that both databases compute alike."""
+    # Below 2^31, the product fits into 64 bits.
+    return (column % 2**31) * STEP % SPAN
+
+
+def is_drawn(column: Any, wanted: int, of: int) -> Any:
+    """Return the condition that about `wanted` of so many rows meet."""
+    return mixed(column) < SPAN * wanted // max(of, 1)
+
+
+def counted(session: Session, query: Select[str, int]) -> dict[str, int]:
+    """Return the rows (name, count) of a grouped query."""
+    return {name: count for name, count in session.execute(query)}
+
+
+_COUNTS = (
+    "SELECT search_id, 'attempt', attempt.ending, count(*), 0.0 FROM attempt JOIN job ON job.id = job_id "
+    "WHERE attempt.ending IS NOT NULL GROUP BY search_id, attempt.ending",
+    "SELECT search_id, 'job', 'done', count(*), 0.0 FROM job WHERE state = 'done' GROUP BY search_id",
+    "SELECT search_id, 'solve', ending, count(*), sum(cpu_seconds) FROM solve GROUP BY search_id, ending",
+    "SELECT search_id, 'status', status, count(*), 0.0 FROM solve GROUP BY search_id, status",
+    "SELECT search_id, 'level', 'paper', count(*), 0.0 FROM solve WHERE paper GROUP BY search_id",
+    "SELECT search_id, 'level', 'strict', count(*), 0.0 FROM solve WHERE strict GROUP BY search_id",
+    *(
+        f"SELECT search_id, '{noun}', scope, count(*), 0.0 FROM (SELECT s.search_id, CASE "
+        "WHEN NOT EXISTS (SELECT 1 FROM solve o WHERE o.solution_id = s.solution_id AND o.id < s.id) "
+        "THEN 'archive' WHEN NOT EXISTS (SELECT 1 FROM solve o JOIN search b ON b.id = o.search_id "
+        "WHERE o.solution_id = s.solution_id AND o.id < s.id AND b.campaign_id = a.campaign_id) "
+        "THEN 'campaign' ELSE 'search' END AS scope FROM solve s JOIN search a ON a.id = s.search_id "
+        f"WHERE s.solution_id IS NOT NULL {more} AND NOT EXISTS (SELECT 1 FROM solve o WHERE "
+        "o.solution_id = s.solution_id AND o.id < s.id AND o.search_id = s.search_id)) AS first "
+        "GROUP BY search_id, scope"
+        for noun, more in (("solution", ""), ("strict", "AND s.strict"))
+    ),
+)
+#: (search_id, noun, name, number, cpu_seconds), each solution counted where a solve found it first.
+TALLIES = " UNION ALL ".join(_COUNTS)
+#: The totals of searches.
+TOTALS = (
+    "UPDATE search SET n_planned = (SELECT count(*) FROM job WHERE search_id = search.id), "
+    "n_solves = (SELECT count(*) FROM solve WHERE search_id = search.id), "
+    "cpu_seconds = (SELECT coalesce(sum(cpu_seconds), 0.0) FROM solve WHERE search_id = search.id)"
+)
+FILL_TALLIES = f"INSERT INTO tally (search_id, noun, name, number, cpu_seconds) {TALLIES}"
+
+
+def fill_tallies_of(search_ids: list[int]) -> str:
+    """Return the statement that fills the tallies of some searches."""
+    wanted = ", ".join(str(int(search_id)) for search_id in search_ids)
+    return (
+        "INSERT INTO tally (search_id, noun, name, number, cpu_seconds) "
+        f"SELECT counted.* FROM ({TALLIES}) AS counted WHERE counted.search_id IN ({wanted})"
+    )

@@ -12,8 +12,7 @@ from sqlalchemy import CheckConstraint, ForeignKey, ForeignKeyConstraint, Index,
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
 from service.db.columns import Flag, Json, Number, Vector, Whole, partial_index
-from service.db.triggers import guard_transitions
-from service.scheduler.states import TRANSITIONS
+from service.db.transitions import TRANSITIONS, guard_transitions
 from workers.job import Ending
 
 #: Grows with every change of the tables; kept in SQLite's user_version.

@@ -2,11 +2,19 @@
 
 Every rule depends on the specification and on what is stored, never on the number of workers or on who
 came first, except that budgets in core seconds or solutions end a search at a moment that does.
+
+Whose turn it is: searches share the workers by priority first, then by weight.
+
+What is shared is processor time: the search whose jobs have had the least of it per weight is served next.
+The order of jobs depends on this, what they find does not.
+
+How long a worker may keep a job unasked, and how long a job that failed waits for its next attempt.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +23,8 @@ from core.analysis.distinct import most_diverse
 from core.problem import Problem
 from core.search import REFINED, expand_mapping
 from service.spec import Spec
-from service.spec.pairing import Case, targets
 from service.spec.search_spec import SearchSpec
+from service.spec.spec import Case, targets
 
 #: Chains that are kept ready in the queue, however large the budget is.
 CHAINS_AHEAD = 256
@@ -178,3 +186,90 @@ def after_failure(ending: str, n_failures: int) -> str:
         # The same input would raise again.
         return "dead"
     return "dead" if n_failures >= MAX_FAILURES else "queued"
+
+
+T = TypeVar("T")
+
+#: Processor time that a solve of a search is taken to need before any has ended [s].
+FIRST_COST_S = 1.0
+
+
+@dataclass(slots=True)
+class Share:
+    """A search with jobs in the queue, and how much it has had."""
+
+    search_id: int
+    #: Of its campaign, then its own; lower goes first.
+    priority: tuple[int, int]
+    weight: float
+    #: Processor time per weight that its jobs have had [s].
+    served_s: float
+    #: Solves that run now, and what one needs on average [s].
+    n_running: int
+    cost_s: float
+
+    @property
+    def turn(self) -> tuple[tuple[int, int], float, int]:
+        """Its place in the order; the least goes first."""
+        running = self.n_running * self.cost_s / self.weight
+        return self.priority, self.served_s + running, self.search_id
+
+
+def in_turn(shares: list[Share], take: Callable[[int], tuple[T, int] | None], number: int) -> list[T]:
+    """Return up to `number` jobs, each from the search whose turn it is.
+
+    Parameters
+    ----------
+    shares : list of Share
+        The searches; what they take is added to them.
+    take : callable
+        Returns the next job of a search and its number of solves, or None when it has no more.
+    number : int
+        Jobs wanted.
+    """
+    taken: list[T] = []
+    waiting = {share.search_id: share for share in shares}
+    while waiting and len(taken) < number:
+        share = min(waiting.values(), key=lambda one: one.turn)
+        job = take(share.search_id)
+        if job is None:
+            del waiting[share.search_id]
+        else:
+            taken.append(job[0])
+            share.n_running += job[1]
+    return taken
+
+
+def mean_cost_s(cpu_seconds: float, n_solves: int) -> float:
+    """Return what a solve of a search needs on average [s]."""
+    # A mean of nothing would let a search that has just begun take every worker at once.
+    return max(cpu_seconds / n_solves, 1e-3) if n_solves else FIRST_COST_S
+
+
+#: Wait after the first failure and at most; it doubles in between [s].
+BACKOFF_S = 1.0
+LONGEST_BACKOFF_S = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class LeaseSettings:
+    """The clockwork of leases [s]: a lease outlives two heartbeats that got lost."""
+
+    lease_s: float = 30.0
+    heartbeat_s: float = 10.0
+    #: How often expired leases are looked for.
+    reap_s: float = 5.0
+
+    def __post_init__(self) -> None:
+        """Refuse a clockwork that would take jobs from workers that are well."""
+        if not 0 < self.heartbeat_s < self.lease_s or not self.reap_s > 0:
+            raise ValueError(
+                f"leases: expected 0 < heartbeat_s < lease_s and 0 < reap_s, got heartbeat_s = "
+                f"{self.heartbeat_s}, lease_s = {self.lease_s}, reap_s = {self.reap_s}"
+            )
+
+
+def backoff_s(n_failures: int) -> float:
+    """Return how long a job waits after so many failures [s]."""
+    # Bounded before the power, which would overflow for a job that somebody requeues for ever.
+    return min(BACKOFF_S * 2.0 ** min(n_failures - 1, 30), LONGEST_BACKOFF_S) if n_failures else 0.0

@@ -1,6 +1,6 @@
 """Who may do what: one line per route, and a route without a line is for nobody.
 
-`service.access.guard` looks here before a route runs.  Roles grow, viewer < submitter < admin; a worker
+`service.auth.guard` looks here before a route runs.  Roles grow, viewer < submitter < admin; a worker
 stands apart: it reads, and takes, keeps and returns jobs, but changes nothing else.
 
 The JSON of tokens, sessions and the audit.

@@ -7,7 +7,7 @@ import numpy as np
 
 from service.schemas.answer import Answer
 from service.schemas.solution import Reproduction
-from service.solutions.solution_hash import solution_hash
+from service.validation import solution_hash
 from workers.job import Job, JobOutcome, Provenance, SolveRecord
 
 

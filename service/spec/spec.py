@@ -1,20 +1,115 @@
 """The specification of a campaign: TOML or JSON in, validated and hashed data out.
 
 SpecError(ValueError)   a specification that cannot be run; one line per field, with value and reason
+
+Which seeds may start which cases of a search.
+
+Departure and target of a problem, made before it or its campaign is stored.
+
+A worker would find out as well that one of them cannot be, but only with one dead job after another.
 """
 
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self
 
 from pydantic import BeforeValidator, Field, StrictInt, ValidationError, model_validator
 
+from core.ephemeris import EpochError, KernelError
+from core.ephemeris.daf import SpkError
 from core.faults import UserError
+from core.orbits import SpiralError, departure_state, target_kernel
+from core.orbits.clearance import ClearanceError, check_clearance
+from core.orbits.halo import HaloError
+from core.orbits.shooting import ShootingError
 from core.plain_data import read_table_file
-from core.problem import Problem, ProblemError, beside, content_hash, problem_from, validation_message
+from core.problem import (
+    Problem,
+    ProblemError,
+    beside,
+    content_hash,
+    problem_from,
+    require_departure_mass,
+    require_physical,
+    validation_message,
+)
 from core.search import expand_mapping
-from service.spec.pairing import first_pair, require_seedable
 from service.spec.search_spec import SHARING, Name, Priority, SearchSpec, Strict
+
+#: The outages (segment, duration [d]) of one problem.
+Case = Sequence[tuple[int, float]]
+
+
+def targets(search: SearchSpec, seed_case: Case, number: int) -> list[int]:
+    """Return the cases that a seed is mapped to.
+
+    Parameters
+    ----------
+    search : SearchSpec
+        The search that takes the seed.
+    seed_case : sequence of (int, float)
+        The outages of the seed.
+    number : int
+        Its place among the seeds, which decides where the cases take turns.
+    """
+    assert search.seeds is not None
+    fitting = [index for index, case in enumerate(search.outage_sets) if _fits(search, seed_case, case)]
+    if search.seeds.pairing == "round-robin" and fitting:
+        return [fitting[number % len(fitting)]]
+    return fitting
+
+
+def _fits(search: SearchSpec, seed_case: Case, case: Case) -> bool:
+    assert search.seeds is not None
+    if search.is_refinement:
+        # Both in the segments of the search.
+        return sorted(seed_case) == sorted(case)
+    if search.seed_k == search.k:
+        return _outlasts(seed_case, case)
+    return search.seeds.pairing != "contained" or set(seed_case) <= set(case)
+
+
+def _outlasts(seed_case: Case, case: Case) -> bool:
+    """Return whether outages begin at the same segments and last longer."""
+    before, after = sorted(seed_case), sorted(case)
+    if [segment for segment, _ in before] != [segment for segment, _ in after] or before == after:
+        return False
+    return all(old <= new for (_, old), (_, new) in zip(before, after, strict=True))
+
+
+def first_pair(search: SearchSpec, source: SearchSpec) -> tuple[Case, Case] | None:
+    """Return the first case of a source, and the first of a search that its seeds are mapped to."""
+    for seed_case in source.outage_sets:
+        if found := targets(search, seed_case, 0):
+            return seed_case, search.outage_sets[found[0]]
+    return None
+
+
+def require_seedable(search: SearchSpec, source: SearchSpec) -> None:
+    """Raise ValueError unless the solutions of a source can be seeds of a search."""
+    about = f"search {search.id}: seeds.from"
+    if source.k != search.seed_k:
+        raise ValueError(
+            f"{about}: expected a search of S({search.seed_k}...) for {search.strategy}, got {source.id!r}, "
+            f"which is {source.strategy}"
+        )
+    if first_pair(search, source) is None:
+        wanted = (
+            "the same segments and longer outages" if search.k == source.k else "a case that holds its own"
+        )
+        raise ValueError(f"{about}: expected {wanted}, got no such pair of cases from {source.id!r}")
+    assert search.seeds is not None
+    is_free = search.seeds.any_duration or search.seed_k == search.k or not source.k
+    if not is_free and source.durations != search.durations:
+        raise ValueError(
+            f"{about}: expected outages of {_listed(search.durations)} days, got {source.id!r} with "
+            f"{_listed(source.durations)}; set any_duration to allow it"
+        )
+
+
+def _listed(durations: set[float]) -> str:
+    return ", ".join(f"{duration:g}" for duration in sorted(durations))
 
 
 class SpecError(UserError, ValueError):
@@ -199,3 +294,40 @@ def _refuse_files(name: str, problem: Any) -> None:
     target = problem.get("target") if isinstance(problem, Mapping) else None
     if isinstance(target, Mapping) and (target.get("kind") == "spk" or "path" in target):
         raise SpecError(f"{name}.target: expected a target without a file over the network, got kind spk")
+
+
+#: Why a problem whose fields are all in order cannot be flown.
+IMPOSSIBLE = (
+    EpochError,
+    KernelError,
+    SpkError,
+    SpiralError,
+    HaloError,
+    ShootingError,
+    ClearanceError,
+    ProblemError,
+    OSError,
+)
+#: Processor time for a spiral; one of 400 days from a low orbit takes 20 [s].
+MOST_CPU_S = 30.0
+
+
+def require_flyable(problem: Problem, name: str = "spec.problem") -> None:
+    """Make what a problem starts from and flies to, or raise SpecError; all its outages share both."""
+    try:
+        require_physical(problem, name)
+    except ProblemError as error:
+        raise SpecError(str(error)) from error
+    try:
+        start = departure_state(problem.departure, problem.spacecraft, _after(MOST_CPU_S))
+        require_departure_mass(problem, start.mass_kg)
+        target_kernel(problem)
+        check_clearance(problem)
+    except IMPOSSIBLE as error:
+        raise SpecError(f"{name}: {' '.join(str(error).split())}") from error
+
+
+def _after(cpu_seconds: float) -> Callable[[], bool]:
+    """Return whether this thread has used its processor time."""
+    end = time.thread_time() + cpu_seconds
+    return lambda: time.thread_time() > end

@@ -12,9 +12,9 @@ from core.faults import fault_lines
 from core.plain_data import read_json, read_toml
 from core.text import TextError
 from service.spec import Spec, SpecError, spec_from
-from service.spec.resolve import require_flyable
 from service.spec.search_spec import SearchSpec, Seeds
-from service.spec.toml_lines import line_of, syntax_fault
+from service.spec.spec import require_flyable
+from service.spec.spec_text import line_of, syntax_fault
 
 _OF_SEARCH = re.compile(r"search (.+?): (?:problem: )?(?:(\w+)(?:\.\w+)*: )?", re.DOTALL)
 _SAME_ID = re.compile(r"expected different ids, got '(.+?)'")

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from service.db.engine import Database
-from service.scheduler.leases import LeaseSettings
+from service.scheduler.plan import LeaseSettings
 from service.schemas.job import AttemptPage, AttemptsOfJob, QueueView
 from service.schemas.search import HopsView, SearchDetail
 from service.store import attempts, hops, one_search, queue

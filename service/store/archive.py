@@ -8,22 +8,15 @@ from sqlalchemy import bindparam, select
 from sqlalchemy.orm import Session
 
 from service.db.dialect import insert_new
-from service.db.tables import (
-    CampaignRow,
-    JobRow,
-    SearchRow,
-    SeedLinkRow,
-    SolutionRow,
-    SolveRow,
-)
+from service.db.tables import CampaignRow, JobRow, SearchRow, SeedLinkRow, SolutionRow, SolveRow
+from service.db.transitions import ENDED
 from service.scheduler import plan
-from service.scheduler.states import ENDED
-from service.solutions.solution_hash import solution_hash
 from service.store.events import noted
 from service.store.held import Held, Worked
 from service.store.specs import search_spec, spec_of
 from service.store.submission import add_jobs, is_used_up
 from service.store.tallies import Counts, scope_of
+from service.validation import solution_hash
 from workers.job import SolveRecord
 
 #: The searches that take the seeds of one, with their campaigns.

@@ -6,7 +6,7 @@ from typing import Any
 from sqlalchemy import ColumnElement, func, select
 from sqlalchemy.orm import Session
 
-from service.db.sampling import is_drawn
+from service.db.dialect import is_drawn
 from service.db.tables import AttemptRow, JobRow, SearchRow
 from service.schemas.job import AttemptPage, AttemptsOfJob
 from service.store.errors import UnknownRow

@@ -8,8 +8,7 @@ from sqlalchemy.orm import Session
 
 from service.db.dialect import plain
 from service.db.tables import AttemptRow, CampaignRow, CaseRow, JobRow, SearchRow, SolutionRow, SolveRow
-from service.scheduler.leases import LONGEST_BACKOFF_S
-from service.scheduler.sharing import Share, in_turn, mean_cost_s
+from service.scheduler.plan import LONGEST_BACKOFF_S, Share, in_turn, mean_cost_s
 from service.store.specs import definition_of, layout_of_problem, search_spec
 from workers.job import Address, ChainPlace, Claim, HopJob, MapJob
 

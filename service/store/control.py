@@ -9,7 +9,7 @@ from sqlalchemy import literal_column, select, update
 from sqlalchemy.orm import Session
 
 from service.db.tables import CampaignRow, JobRow, SearchRow
-from service.scheduler.states import ENDED, sources
+from service.db.transitions import ENDED, sources
 from service.store.errors import UnknownRow, WrongState
 from service.store.events import note, note_job, note_search
 from service.store.submission import advance, enter

@@ -14,8 +14,7 @@ from service.db.dialect import insert_new, plain
 from service.db.tables import AttemptRow, JobRow, ProvenanceRow, SearchRow, SolveRow
 from service.logs import say
 from service.scheduler import plan
-from service.scheduler.leases import backoff_s
-from service.solutions.checks import JobFacts, UnsoundError, require_outcome, require_records
+from service.scheduler.plan import backoff_s
 from service.store.archive import add_solve
 from service.store.claims import Turn, message_of, seeds_of
 from service.store.errors import StoreError, UnknownRow
@@ -24,6 +23,7 @@ from service.store.held import Held, Worked, find_held, require_claimant
 from service.store.specs import facts_of_problem, search_spec
 from service.store.submission import go_on_after
 from service.store.tallies import Counts
+from service.validation import JobFacts, UnsoundError, require_outcome, require_records
 from workers.dispatcher import StaleAttempt
 from workers.executor import Ticket
 from workers.job import (

@@ -11,8 +11,7 @@ from typing import Any
 from sqlalchemy import func, select, text, true
 from sqlalchemy.orm import Session
 
-from service.db.counts import counted
-from service.db.dialect import VERSION_TABLE, read_version
+from service.db.dialect import VERSION_TABLE, counted, read_version
 from service.db.engine import Database, DatabaseError
 from service.db.tables import SCHEMA_VERSION, CampaignRow, JobRow, WorkerRow
 from service.store.tallies import job_states, summed, totals
@@ -46,7 +45,7 @@ class Gauges:
 
     @property
     def write_times(self) -> tuple[list[int], float, int]:
-        """The histogram of writes; see `service.db.write_times`."""
+        """The histogram of writes; see `service.db.engine`."""
         return self._database.write_times.read()
 
     def read(self) -> Reading:

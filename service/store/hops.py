@@ -7,7 +7,7 @@ from sqlalchemy import Select, case, func, literal_column, select
 from sqlalchemy.orm import Session, aliased
 
 from core.search import HopSettings
-from service.db.sampling import mixed
+from service.db.dialect import mixed
 from service.db.tables import JobRow, SearchRow, SolutionRow, SolveRow
 from service.schemas.search import HopColumns, HopsView, SeedOfSearch
 from service.spec.search_spec import SearchSpec

@@ -1,11 +1,21 @@
-"""Tokens, sessions and the audit: who may use the archive, and who did what.
+"""Tokens as text: made, taken apart, hashed.  No table and no request is known here.
+
+A token is `coastarc_<id>_<secret>`.  The id finds its row and may be shown; the secret is 32 random bytes,
+of which only a hash is ever stored: at 256 bits nobody guesses, so the hash need not be slow.
+
+Tokens, sessions and the audit: who may use the archive, and who did what.
 
 RefusedToken(StoreError)   a token or session that is not in force, or none at all
 TakenName(Conflict)        a token of this name is in use
 """
 
+import hashlib
+import hmac
 import logging
+import re
+import secrets
 from collections.abc import Callable
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
@@ -13,11 +23,64 @@ from sqlalchemy import ColumnElement, delete, select, update
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
-from service.access.tokens import Identity, Secret, hashed, is_secret_of, new_secret, taken_apart
 from service.db.engine import Database, DatabaseError
 from service.db.identity import AuditRow, SessionRow, TokenRow
 from service.schemas.identity import AuditPage, AuditView, NewToken, Role, TokenView
 from service.store.errors import Conflict, StoreError, UnknownRow
+
+#: Name of the cookie that holds a session.
+COOKIE = "coastarc_session"
+_WRITTEN = re.compile(r"coastarc_([0-9a-f]{12})_([A-Za-z0-9_-]{43})")
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """Who a request comes from."""
+
+    #: Name of the token, or `loopback` where no token is asked for.
+    name: str
+    role: Role
+    token_id: str | None = None
+    #: A browser sends its cookie unasked, so what it sends is looked at twice.
+    is_cookie: bool = False
+
+
+#: Whoever sits at this machine, where no sign-in is required.
+OWNER = Identity("loopback", Role.ADMIN)
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Secret:
+    """A new token or session, in the only moment in which its secret is known."""
+
+    id: str
+    secret: str
+
+    def written(self) -> str:
+        """Return the text to hand over."""
+        return f"coastarc_{self.id}_{self.secret}"
+
+
+def new_secret() -> Secret:
+    """Return a token nobody has seen."""
+    return Secret(secrets.token_hex(6), secrets.token_urlsafe(32))
+
+
+def taken_apart(text: str) -> Secret | None:
+    """Return the parts of a written token, or None if it is none."""
+    found = _WRITTEN.fullmatch(text)
+    return Secret(*found.groups()) if found else None
+
+
+def hashed(secret: str) -> str:
+    """Return what is stored of a secret."""
+    return hashlib.blake2b(secret.encode(), digest_size=32, person=b"coastarc token").hexdigest()
+
+
+def is_secret_of(secret: str, stored: str) -> bool:
+    """Return whether a secret belongs to a stored hash, in a time that tells nothing about either."""
+    return hmac.compare_digest(hashed(secret), stored)
+
 
 log = logging.getLogger(__name__)
 

@@ -8,8 +8,10 @@ import numpy as np
 from sqlalchemy import insert, select, text
 from sqlalchemy.orm import Session
 
-from service.db.dialect import INSERTS, plain
-from service.db.recount import fill_tallies_of
+from service.archive_format.container import PortableConflict, digest_of
+from service.archive_format.lines import JobLine
+from service.archive_format.reading import ReadCampaign, ReadFile
+from service.db.dialect import INSERTS, fill_tallies_of, plain
 from service.db.tables import (
     AttemptRow,
     Base,
@@ -22,10 +24,6 @@ from service.db.tables import (
     SolutionRow,
     SolveRow,
 )
-from service.portable.container import digest_of
-from service.portable.errors import PortableConflict
-from service.portable.lines import JobLine
-from service.portable.reading import ReadCampaign, ReadFile
 from service.store.certificates import ELSEWHERE
 from service.store.events import note
 from service.store.portable_rows import (

@@ -8,20 +8,8 @@ import numpy as np
 from sqlalchemy import Row, Select, func, select
 from sqlalchemy.orm import Session
 
-from service.db.dialect import plain
-from service.db.tables import (
-    AttemptRow,
-    CampaignRow,
-    CertificateRow,
-    JobRow,
-    ProvenanceRow,
-    SearchRow,
-    SolutionRow,
-    SolveRow,
-)
-from service.portable.container import CERTIFICATES, Entry
-from service.portable.errors import PortableConflict
-from service.portable.lines import (
+from service.archive_format.container import CERTIFICATES, Entry, PortableConflict
+from service.archive_format.lines import (
     RESTING,
     AttemptLine,
     CampaignLine,
@@ -34,7 +22,18 @@ from service.portable.lines import (
     SolveLine,
     SourceLine,
 )
-from service.portable.targets import portable_fields, target_entries
+from service.archive_format.reading import portable_fields, target_entries
+from service.db.dialect import plain
+from service.db.tables import (
+    AttemptRow,
+    CampaignRow,
+    CertificateRow,
+    JobRow,
+    ProvenanceRow,
+    SearchRow,
+    SolutionRow,
+    SolveRow,
+)
 from service.store.errors import UnknownRow
 from service.store.specs import spec_of
 from workers.certificate import CertificateContent

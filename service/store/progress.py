@@ -7,8 +7,8 @@ from sqlalchemy import ColumnElement, func, select
 from sqlalchemy.orm import Session, aliased, load_only
 
 from service.db.tables import CampaignRow, CaseRow, SearchRow, SolutionRow, SolveRow
+from service.db.transitions import ENDED
 from service.scheduler import plan
-from service.scheduler.states import ENDED
 from service.schemas.campaign import CampaignItem, CampaignView
 from service.schemas.problem import CaseView, OutageView
 from service.schemas.search import JobCounts, SearchState, SearchView

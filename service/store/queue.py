@@ -6,7 +6,7 @@ from sqlalchemy import select, true
 from sqlalchemy.orm import Session, aliased
 
 from service.db.tables import JOB_STATES, CampaignRow, JobRow, SearchRow
-from service.scheduler.leases import LeaseSettings
+from service.scheduler.plan import LeaseSettings
 from service.schemas.job import QueueView
 from service.store.tallies import job_states, summed
 

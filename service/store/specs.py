@@ -7,11 +7,11 @@ from sqlalchemy.orm import Session
 from core.problem import problem_from
 from core.transcription import Layout
 from service.db.tables import CampaignRow, ProblemRow, SearchRow
-from service.solutions.checks import ProblemFacts, facts_of
 from service.spec import Spec, spec_from
 from service.spec.search_spec import SearchSpec
 from service.store.errors import UnknownRow
 from service.store.kept import Kept
+from service.validation import ProblemFacts, facts_of
 
 _specs: Kept[Spec] = Kept(64)
 _definitions: Kept[dict[str, Any]] = Kept(512)

@@ -11,12 +11,12 @@ from sqlalchemy.orm import Session
 
 from core.analysis.facts import CampaignFacts
 from core.problem import Problem
+from service.archive_format.container import Entry
+from service.archive_format.reading import ReadFile
 from service.db.engine import Database
 from service.db.place import place_of
 from service.db.postgres import server_time
-from service.portable.container import Entry
-from service.portable.reading import ReadFile
-from service.scheduler.leases import LeaseSettings
+from service.scheduler.plan import LeaseSettings
 from service.schemas.campaign import CampaignCard, CampaignItem, CampaignView, HistoryView
 from service.schemas.job import EventView, JobPage, JobView, WorkerPage
 from service.schemas.problem import ProblemFamily, ProblemPage, ProblemView

@@ -9,18 +9,10 @@ from sqlalchemy.orm import Session, aliased
 
 from core.problem import Problem, definitions_of, hashes_of
 from service.db.dialect import insert_and_tell, insert_new, insert_new_rows, plain
-from service.db.tables import (
-    CampaignRow,
-    CaseRow,
-    JobRow,
-    ProblemRow,
-    SearchRow,
-    SolveRow,
-    SubmissionRow,
-)
+from service.db.tables import CampaignRow, CaseRow, JobRow, ProblemRow, SearchRow, SolveRow, SubmissionRow
+from service.db.transitions import ENDED
 from service.scheduler import plan
 from service.scheduler.plan import PlannedJob, Progress
-from service.scheduler.states import ENDED
 from service.spec import Spec, SpecError
 from service.spec.search_spec import SearchSpec
 from service.store.candidates import candidates

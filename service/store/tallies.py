@@ -21,7 +21,7 @@ from sqlalchemy.orm import Session
 
 from service.db.dialect import INSERTS, plain
 from service.db.tables import JobRow, SearchRow, SolveRow, TallyRow
-from service.scheduler.states import ENDED
+from service.db.transitions import ENDED
 
 #: Of one search by (noun, name).
 Key = tuple[str, str]

@@ -14,7 +14,7 @@ import spiceypy
 from core.analysis.verify import verify
 from core.ephemeris import furnish
 from service.spec import load_spec
-from service.spec.resolve import require_flyable
+from service.spec.spec import require_flyable
 from tests.pages import ROOT, blocks_of, text_of
 
 PAGE = ROOT / "docs" / "own-problem.md"

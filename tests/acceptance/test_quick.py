@@ -13,7 +13,7 @@ import pytest
 from core.problem import load_problem
 from service.db.engine import DatabaseError
 from service.spec import load_spec
-from service.spec.resolve import require_flyable
+from service.spec.spec import require_flyable
 from service.store import Store, UnknownRow
 from workers.threads import single_threaded
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from playwright import sync_api
 
-from service.access.security import access_on
+from service.auth.network import access_on
 from service.coordinator import WebServer, open_port
 from service.settings import Settings
 from service.store import Store

@@ -1,8 +1,8 @@
 """A campaign taken away from its page as a file, and brought to the list of another installation."""
 
-from service.access.security import Access
-from service.portable.files import portable
+from service.auth.network import Access
 from service.schemas.identity import Role
+from service.store.archive_files import portable
 from tests.acceptance import known
 
 MARKUP = "<img src=x onerror=alert(1)>"

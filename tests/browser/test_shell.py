@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from service.access.security import Access
+from service.auth.network import Access
 from service.dashboard.views import VIEWS
 from service.schemas.identity import Role
 from tests.acceptance import known

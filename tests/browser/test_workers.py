@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from service.access.security import access_on
+from service.auth.network import access_on
 from service.coordinator import WebServer, open_port
 from service.schemas.identity import Role
 from service.settings import Settings

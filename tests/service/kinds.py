@@ -14,10 +14,10 @@ from typing import NamedTuple
 from core.problem import load_problem, problem_from
 from service.missed_thrust.analysis_spec import analysis_spec, grid_of
 from service.new_file import write_new
-from service.portable.files import packed, pieces, take_in_file
 from service.solutions.refine import refinement_spec
 from service.spec import spec_from
 from service.store import Store
+from service.store.archive_files import packed, pieces, take_in_file
 from service.store.records import Filter
 from tests.acceptance import known
 from tests.service.campaigns import dispatcher_on

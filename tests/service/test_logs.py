@@ -9,8 +9,8 @@ import threading
 import pytest
 
 from service import logs
-from service.access.tokens import new_secret, taken_apart
 from service.schemas.identity import Role
+from service.store.identity import new_secret, taken_apart
 from workers import log_lines
 from workers.dispatch import DispatchOrder
 

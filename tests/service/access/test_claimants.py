@@ -4,8 +4,8 @@ import httpx
 import pytest
 from fastapi.testclient import TestClient
 
-from service.access.security import Access
 from service.app import create_app
+from service.auth.network import Access
 from service.schemas.identity import Role
 from tests.service.by_hand import worker_info
 from tests.service.campaigns import submitted

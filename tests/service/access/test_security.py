@@ -2,9 +2,9 @@ import httpx
 import pytest
 from fastapi.testclient import TestClient
 
-from service.access.limits import MAX_CLIENTS, Buckets, Streams
-from service.access.security import Access, BindError, access_on
 from service.app import create_app
+from service.auth.guard import MAX_CLIENTS, Buckets, Streams
+from service.auth.network import Access, BindError, access_on
 from service.coordinator import WebServer, open_port
 from service.schemas.identity import Role
 from service.settings import Settings

@@ -4,17 +4,15 @@ import sqlite3
 import pytest
 from fastapi.testclient import TestClient
 
-from service.access.rights import ANYONE, QUESTIONS, RIGHTS, least
-from service.access.route_index import lines_of
-from service.access.security import Access
-from service.access.tokens import COOKIE, hashed, new_secret, taken_apart
 from service.api import events
 from service.api.jobs import HEARTBEAT
 from service.app import create_app
+from service.auth.network import Access
+from service.auth.rights import ANYONE, QUESTIONS, RIGHTS, least, lines_of
 from service.schemas.identity import Role
 from service.settings import Settings
 from service.store import Store, StoreError, UnknownRow
-from service.store.identity import SESSION_S, RefusedToken, TakenName
+from service.store.identity import COOKIE, SESSION_S, RefusedToken, TakenName, hashed, new_secret, taken_apart
 from tests.service.campaigns import spec_fields
 
 API = "/api/v1"

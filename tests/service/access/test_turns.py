@@ -7,8 +7,8 @@ from concurrent.futures import ThreadPoolExecutor
 import httpx
 import pytest
 
-from service.access import guard, limits
-from service.access.security import Access
+from service.auth import guard
+from service.auth.network import Access
 from service.coordinator import WebServer, open_port
 from service.store import Store
 from tests.service.campaigns import submitted
@@ -78,7 +78,7 @@ def test_who_gets_no_turn_in_time_is_told_to_come_back(served, monkeypatch):
     with ThreadPoolExecutor(guard.READS) as readers:
         inside = [readers.submit(client.get, f"{API}/campaigns") for _ in range(guard.READS)]
         patient.wait_until_full()
-        monkeypatch.setattr(limits, "PATIENCE_S", 0.01)
+        monkeypatch.setattr(guard, "PATIENCE_S", 0.01)
         refused = client.get(f"{API}/campaigns")
         patient.may_go_on.set()
         assert {answer.result().status_code for answer in inside} == {200}

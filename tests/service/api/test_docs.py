@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 import typer.main
 
-from service.access.limits import MAX_CLIENTS
-from service.access.request_body import PATIENCE_S
-from service.access.rights import RIGHTS, least, line_of
-from service.access.route_index import lines_of
-from service.access.security import (
+from service.api.document import EXAMPLES
+from service.api.prometheus import _places, _work, _writes
+from service.app import create_app
+from service.auth.guard import MAX_CLIENTS
+from service.auth.network import (
     MAX_BODY_BYTES,
     MAX_PORTABLE_BYTES,
     MAX_REPORT_BYTES,
@@ -18,9 +18,8 @@ from service.access.security import (
     PORTABLE_PATH,
     REPORT_PATHS,
 )
-from service.api.document import EXAMPLES
-from service.api.prometheus import _places, _work, _writes
-from service.app import create_app
+from service.auth.request_limits import PATIENCE_S
+from service.auth.rights import RIGHTS, least, line_of, lines_of
 from service.cli import app_of
 from service.settings import Settings
 from service.store import pruning

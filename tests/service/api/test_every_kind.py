@@ -6,8 +6,8 @@ import threading
 import pytest
 from fastapi.testclient import TestClient
 
-from service.access.security import Access
 from service.app import create_app
+from service.auth.network import Access
 from service.solutions.export import ExportFormat
 from service.store import Store
 from tests.service.databases import rows

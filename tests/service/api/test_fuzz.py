@@ -12,11 +12,11 @@ from fastapi.testclient import TestClient
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from service.access.security import Access
-from service.access.tokens import COOKIE
 from service.app import create_app
+from service.auth.network import Access
 from service.schemas.identity import Role
 from service.settings import Settings
+from service.store.identity import COOKIE
 from tests.service.campaigns import spec_fields
 
 VALUES = st.recursive(

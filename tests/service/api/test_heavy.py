@@ -6,8 +6,8 @@ import time
 import httpx
 import pytest
 
-from service.access.heavy import N_RUNNING, N_WAITING
-from service.access.security import Access
+from service.auth.network import Access
+from service.auth.request_limits import N_RUNNING, N_WAITING
 from service.coordinator import WebServer, open_port
 from tests.service.campaigns import SPIRAL, spec_fields
 from tests.workers.jobs import worker_info
@@ -35,7 +35,7 @@ def asked(url, path, body):
 
 @pytest.mark.slow
 def test_forty_five_slow_submissions_keep_nobody_from_an_answer(url, monkeypatch):
-    monkeypatch.setattr("service.spec.resolve.MOST_CPU_S", 1.0)
+    monkeypatch.setattr("service.spec.spec.MOST_CPU_S", 1.0)
     answers, waits = [], []
     bodies = [SLOW | {"n_segments": 50 + n} for n in range(N_REQUESTS)]
     threads = [

@@ -2,8 +2,8 @@ import pytest
 from fastapi.testclient import TestClient
 from prometheus_client.parser import text_string_to_metric_families
 
-from service.access.security import Access
 from service.app import create_app
+from service.auth.network import Access
 from service.schemas.identity import Role
 from service.store import Store
 from tests.service.by_hand import work_off, worker_info

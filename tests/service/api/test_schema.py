@@ -13,9 +13,9 @@ from schemathesis import GenerationMode
 from schemathesis.checks import not_a_server_error
 from schemathesis.specs.openapi import checks
 
-from service.access.route_index import lines_of
-from service.access.security import Access
 from service.app import create_app
+from service.auth.network import Access
+from service.auth.rights import lines_of
 from service.dashboard.views import VIEWS
 from service.schemas.identity import Role
 from service.settings import Settings

@@ -10,7 +10,7 @@ import httpx
 import pytest
 
 from service import logs
-from service.access.security import Access
+from service.auth.network import Access
 from service.coordinator import WebServer, connections, open_port
 from tests.service.campaigns import submitted
 from tests.workers.jobs import worker_info

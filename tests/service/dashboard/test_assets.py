@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from fastapi.testclient import TestClient
 
-from service.access.security import Access
 from service.app import create_app
+from service.auth.network import Access
 from service.dashboard import assets
 from service.dashboard.views import VIEWS
 

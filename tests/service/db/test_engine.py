@@ -14,7 +14,7 @@ from sqlalchemy import text
 from sqlalchemy.dialects import sqlite
 from sqlalchemy.exc import IntegrityError, OperationalError, StatementError
 
-from service.db import sqlite_file
+from service.db import sqlite as sqlite_file
 from service.db.columns import Json, Vector
 from service.db.engine import Database, DatabaseError, Moment, WriteFault
 from service.db.tables import CampaignRow, EventRow

@@ -6,11 +6,11 @@ import pytest
 from sqlalchemy import inspect, text
 
 from service.db import postgres as postgres_side
-from service.db import sqlite_file
+from service.db import sqlite
 from service.db.dialect import VERSION_TABLE
 from service.db.engine import Database, DatabaseError
+from service.db.place import differences, upgrade, version_of
 from service.db.tables import SCHEMA_VERSION, Base
-from service.db.upgrade import differences, upgrade, version_of
 from service.store import Store
 from service.store.records import Filter
 from tests.service.databases import needs_postgres
@@ -38,7 +38,7 @@ def stored(version, folder):
 
 
 def connected(place, look):
-    side = sqlite_file if isinstance(place, Path) else postgres_side
+    side = sqlite if isinstance(place, Path) else postgres_side
     engine = side.writer_engine(place)
     with engine.connect() as connection:
         found = look(connection)
@@ -109,7 +109,7 @@ def test_a_stored_archive_gets_the_tables_of_the_models(tmp_path, version):
     Database(tmp_path / "fresh.db").close()
     assert connected(path, differences) == []
     assert connected(path, schema) == connected(tmp_path / "fresh.db", schema)
-    assert sqlite_file.integrity_faults(path) == []
+    assert sqlite.integrity_faults(path) == []
 
 
 def table_contents(path):

@@ -9,14 +9,14 @@ import httpx
 import pytest
 from fastapi.testclient import TestClient
 
-from service.access.security import Access
 from service.api.jobs import HAND_IN
 from service.app import create_app
+from service.auth.network import Access
 from service.coordinator import Coordinator, Crew, coordinator
 from service.coordinator.history_reader import read_history
 from service.db.engine import DatabaseError, Unavailable
 from service.db.place import database_url
-from service.scheduler.leases import LeaseSettings
+from service.scheduler.plan import LeaseSettings
 from service.schemas.identity import Role
 from service.settings import Settings
 from service.store import Store

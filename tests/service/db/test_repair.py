@@ -12,8 +12,8 @@ from service import cli
 from service.app import create_app
 from service.db import postgres as postgres_side
 from service.db.backup import backup, restore
-from service.db.check import check
-from service.db.repair import repair
+from service.integrity.check import check
+from service.integrity.repair import repair
 from service.store import Store
 from service.store.filter import Filter
 from tests.service.campaigns import finish, spec_fields, submitted

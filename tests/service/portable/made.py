@@ -6,9 +6,9 @@ import pytest
 
 from core.problem import content_hash
 from service.new_file import write_new
-from service.portable.files import packed, pieces
 from service.spec import spec_from
 from service.store import Store
+from service.store.archive_files import packed, pieces
 from service.store.filter import Filter
 from tests.acceptance import known
 from tests.service.databases import rows

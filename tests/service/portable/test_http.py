@@ -6,10 +6,11 @@ import anyio
 import pytest
 from fastapi.testclient import TestClient
 
-from service.access import request_body, security
-from service.access.request_body import BodyFault, save_body
 from service.api import portable
 from service.app import create_app
+from service.auth import network, request_limits
+from service.auth.request_limits import save_body
+from service.errors import BodyFault
 from tests.acceptance import known
 from tests.service.portable.made import everything
 from tests.service.portable.test_refused import FORGERIES, forged
@@ -82,7 +83,7 @@ def test_the_same_campaign_with_other_work_stands_against_it(files, client, stor
 
 @pytest.mark.parametrize("is_declared", [True, False])
 def test_a_file_that_is_too_large_is_refused(client, store, monkeypatch, is_declared):
-    monkeypatch.setattr(security if is_declared else portable, "MAX_PORTABLE_BYTES", 1000)
+    monkeypatch.setattr(network if is_declared else portable, "MAX_PORTABLE_BYTES", 1000)
     kept = names(store.folder)
     answer = send(client, 600 * b"ab" if is_declared else iter([600 * b"a", 600 * b"b"]))
     assert answer.status_code == 413 and "body: expected at most 1000 bytes, got" in answer.json()["detail"]
@@ -121,7 +122,7 @@ def test_a_body_of_any_size_takes_no_more_memory_than_a_few_pieces(tmp_path):
 
 @pytest.mark.parametrize("messages", [[], [piece(b"PK")], [piece(b"PK"), {"type": "http.disconnect"}]])
 def test_a_body_that_stops_on_the_way_is_refused(tmp_path, monkeypatch, messages):
-    monkeypatch.setattr(request_body, "PATIENCE_S", 0.01)
+    monkeypatch.setattr(request_limits, "PATIENCE_S", 0.01)
     with open(tmp_path / "body", "wb") as file, pytest.raises(BodyFault, match="its next piece") as raised:
         anyio.run(save_body, received(messages), 2**30, file)
     assert raised.value.status == 408

@@ -16,10 +16,10 @@ MOST_MIB = 180
 IMPORT = """
 import json, sys
 from pathlib import Path
-from service.portable.container import Unpacked
-from service.portable.errors import PortableError
-from service.portable.files import take_in_file
-from service.portable.reading import read_all
+from service.archive_format.container import Unpacked
+from service.archive_format.container import PortableError
+from service.store.archive_files import take_in_file
+from service.archive_format.reading import read_all
 from service.store import Store
 
 def mib(name):

@@ -6,15 +6,14 @@ import zipfile
 
 import pytest
 
-from service.db.check import check
+from service.archive_format.container import PortableError, Unpacked
+from service.archive_format.lines import CampaignLine, ProvenanceLine, SearchLine
 from service.db.place import place_of
 from service.db.tables import Base
+from service.integrity.check import check
 from service.new_file import FileError
-from service.portable.container import Unpacked
-from service.portable.errors import PortableError
-from service.portable.files import take_in_file
-from service.portable.lines import CampaignLine, ProvenanceLine, SearchLine
 from service.spec import spec_from
+from service.store.archive_files import take_in_file
 from service.store.filter import Filter
 from service.store.portable_rows import (
     ATTEMPT_COLUMNS,

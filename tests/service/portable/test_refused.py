@@ -7,10 +7,9 @@ import zipfile
 import pytest
 
 from core.problem import content_hash
-from service.portable import container
-from service.portable.container import Unpacked
-from service.portable.errors import PortableError
-from service.portable.files import take_in_file
+from service.archive_format import container
+from service.archive_format.container import PortableError, Unpacked
+from service.store.archive_files import take_in_file
 from tests.acceptance import known
 from tests.service.portable.made import everything
 

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from service.api.specs import TEMPLATES
 from service.spec import load_spec, spec_from
 from service.spec.spec_check import check_fields, check_text, planned
-from service.spec.spec_text import spec_text
-from service.spec.toml_text import toml_text
+from service.spec.spec_text import spec_text, toml_text
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 QUICK = (EXAMPLES / "quick.toml").read_text(encoding="utf-8")

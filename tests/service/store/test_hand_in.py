@@ -8,8 +8,8 @@ import pytest
 from sqlalchemy import text
 
 from service.coordinator import Coordinator, Crew
-from service.db.check import check
-from service.scheduler.leases import LeaseSettings
+from service.integrity.check import check
+from service.scheduler.plan import LeaseSettings
 from service.store import Store, StoreError
 from tests.service.campaigns import content, finish, spec_fields, submitted
 from tests.service.clock import Clock

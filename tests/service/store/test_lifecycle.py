@@ -4,9 +4,8 @@ import sqlite3
 
 import pytest
 
-from service.db.triggers import transition_triggers
-from service.scheduler.sharing import Share, in_turn
-from service.scheduler.states import TRANSITIONS, may_change
+from service.db.transitions import TRANSITIONS, may_change, transition_triggers
+from service.scheduler.plan import Share, in_turn
 from service.spec import spec_from
 from service.store import Store, StoreError, UnknownRow
 from service.store.dispatch import Report

@@ -6,8 +6,8 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import event
 
-from service.access.security import Access
 from service.app import create_app
+from service.auth.network import Access
 from service.store import Store
 from service.store.filter import Filter
 from tests.service.campaigns import finish, submitted

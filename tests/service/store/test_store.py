@@ -6,10 +6,10 @@ import pytest
 
 from core.problem import problem_from
 from service.scheduler import plan
-from service.solutions.solution_hash import solution_hash
 from service.spec import spec_from
 from service.store import Store
 from service.store.records import Filter
+from service.validation import solution_hash
 from tests.service.campaigns import OUTAGE, content, finish, spec_fields, submitted
 from tests.service.clock import Clock
 from tests.workers.fake import PROVENANCE, run_fake

@@ -13,8 +13,8 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, initialize, invariant, multiple, rule
 
-from service.db.recount import TALLIES
-from service.scheduler.states import may_change
+from service.db.dialect import TALLIES
+from service.db.transitions import may_change
 from service.spec import spec_from
 from service.store import Store
 from service.store.errors import WrongState

@@ -6,7 +6,7 @@ from typing import Any
 import sqlalchemy as sa
 from alembic import op
 
-from service.db.triggers import transition_triggers
+from service.db.transitions import transition_triggers
 
 revision = "0003"
 down_revision = "0002"

@@ -5,7 +5,7 @@ from typing import Any
 import sqlalchemy as sa
 from alembic import op
 
-from service.db.recount import FILL_TALLIES
+from service.db.dialect import FILL_TALLIES
 
 revision = "0004"
 down_revision = "0003"

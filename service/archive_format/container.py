@@ -4,6 +4,8 @@ Entries have one order, one date and one compression, so that who exports the sa
 Reading trusts nothing: names, sizes and digests are checked before a line is parsed, and no entry is
 unpacked beyond what the manifest says.  Zeros pack a thousand to one, so a small file may be large inside:
 what is in memory at once is bounded by a line, or by some small ones, and never depends on the whole.
+
+What is wrong with a portable file, or with making one.
 """
 
 import hashlib
@@ -15,12 +17,33 @@ from contextlib import ExitStack
 from itertools import chain
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO, Self, TypeVar
+from typing import Any, BinaryIO, Self, TypeVar
 
 from pydantic import ValidationError
 
-from service.portable.errors import PortableError, first_fault
-from service.portable.lines import Line, Manifest, Member
+from core.faults import UserError, fault_lines
+from service.archive_format.lines import Line, Manifest, Member
+
+#: Faults of one line of a file that are looked through for the first that explains the others.  A list of
+#: two million things that are no numbers is 20 kB in a file, and its faults are 2 GiB.
+MOST_FAULTS = 1000
+
+
+class PortableError(UserError, RuntimeError):
+    """A portable file that cannot be made, or that is refused; nothing has changed then."""
+
+
+class PortableConflict(PortableError):
+    """What stands in the archive is against it: a campaign at work, or the same one with other work."""
+
+
+def first_fault(thing: str, error: ValidationError, kind: Any) -> str:
+    """Return what is wrong with data of a model, in one line."""
+    if (n := error.error_count()) > MOST_FAULTS:
+        return f"{thing}: expected {kind.__name__}, got {n} faults"
+    (first, *_) = fault_lines(thing, error.errors(include_url=False), kind)
+    return first
+
 
 #: Certificates came with version 2: without them a file is as it was, and who knew no other reads it.
 VERSION, VERSION_WITH_CERTIFICATES = 1, 2

@@ -7,8 +7,11 @@ against bounds alone: defects against their levels, processor time against its l
 themselves, times, counts, moves and provenance are believed; `coastarc solutions verify` flies again.
 
 UnsoundError(ValueError)   something that cannot be so
+
+The identity of a solution, which is the same in every archive.
 """
 
+import hashlib
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -27,8 +30,14 @@ from core.problem import Problem, seconds_past_j2000
 from core.search import HopAddress
 from core.tolerances import PAPER, STRICT, violation
 from core.transcription import Layout, checked_vector, layout_of
-from service.solutions.solution_hash import solution_hash
 from workers.job import KIND_NUMBERS, RESULTS, Ending, JobOutcome, Settings, SolveRecord, wall_limit_of
+
+
+def solution_hash(problem_hash: str, x: Any) -> str:
+    """Return the identity of a solution: its problem and every bit of its vector."""
+    vector = np.ascontiguousarray(x, dtype="<f8")
+    return hashlib.blake2b(bytes.fromhex(problem_hash) + vector.tobytes(), digest_size=16).hexdigest()
+
 
 Array = NDArray[np.float64]
 

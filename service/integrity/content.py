@@ -15,6 +15,7 @@ from sqlalchemy import Column, Connection, LargeBinary, Row, Select, Text, selec
 
 from core.problem import ProblemError, content_hash, problem_from
 from core.search import HopAddress
+from service.archive_format.checks import is_own_verdict
 from service.db.columns import Json, Vector
 from service.db.dialect import plain
 from service.db.tables import (
@@ -30,8 +31,8 @@ from service.db.tables import (
     SolutionRow,
     SolveRow,
 )
-from service.portable.checks import is_own_verdict
-from service.solutions.checks import (
+from service.spec import Spec, SpecError, spec_from
+from service.validation import (
     JobFacts,
     ProblemFacts,
     UnsoundError,
@@ -40,7 +41,6 @@ from service.solutions.checks import (
     require_solution,
     require_solve,
 )
-from service.spec import Spec, SpecError, spec_from
 from workers.certificate import CertificateContent
 from workers.job import KIND_NUMBERS, Ending, Provenance, Settings
 

@@ -8,9 +8,8 @@ from contextlib import closing
 from pathlib import Path
 from typing import BinaryIO
 
-from service.portable.container import Unpacked, pack
-from service.portable.reading import read_all
-from service.portable.targets import unpack_targets
+from service.archive_format.container import Unpacked, pack
+from service.archive_format.reading import read_all, unpack_targets
 from service.store import Store
 from service.store.portable_import import TakenIn
 

@@ -3,7 +3,7 @@
 On loopback and on one machine a request needs no token and acts as the owner.  Then the checks here are
 what stands between the service and a web page that the owner happens to visit: a Host that is ours stops
 DNS rebinding, an Origin that is ours stops foreign forms.  Everywhere else tokens are asked for as well,
-see `service.access.guard`.
+see `service.auth.guard`.
 """
 
 import ipaddress
@@ -52,7 +52,7 @@ class BindError(UserError, ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Access:
-    """Who is let in: what `service.access.guard` goes by."""
+    """Who is let in: what `service.auth.guard` goes by."""
 
     #: Requests without a token act as the owner.
     is_open: bool = True

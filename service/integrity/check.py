@@ -7,14 +7,12 @@ from typing import Any
 
 from sqlalchemy import Connection, func, select
 
-from service.db import postgres, sqlite_file
-from service.db.content import unsound_rows
-from service.db.dialect import read_version
+from service.db import postgres, sqlite
+from service.db.dialect import TALLIES, read_version
 from service.db.errors import no_archive
-from service.db.place import Place, shown
-from service.db.recount import TALLIES
+from service.db.place import Place, differences, shown
 from service.db.tables import SCHEMA_VERSION, Base, JobRow, SearchRow, SolveRow
-from service.db.upgrade import differences
+from service.integrity.content import unsound_rows
 from service.schemas.answer import Check
 
 REPAIR = "see what `coastarc db repair` would set aside and count anew"
@@ -25,7 +23,7 @@ UPGRADE = "bring it to this version with `coastarc db upgrade`"
 def check(place: Place) -> list[Check]:
     """Return all checks of an archive; those of its content are left out where its tables are others."""
     if isinstance(place, Path):
-        if not sqlite_file.is_file(place):
+        if not sqlite.is_file(place):
             raise no_archive(place)
         whole = _integrity(place)
         if whole.state == "failed":
@@ -36,7 +34,7 @@ def check(place: Place) -> list[Check]:
 
 
 def _of_connection(place: Place) -> list[Check]:
-    engine = sqlite_file.reader_engine(place) if isinstance(place, Path) else postgres.reader_engine(place)
+    engine = sqlite.reader_engine(place) if isinstance(place, Path) else postgres.reader_engine(place)
     looks: list[Callable[[Connection], Check]] = [_version, _schema, _references, _totals, _rows]
     found: list[Check] = []
     try:
@@ -55,7 +53,7 @@ def _of_connection(place: Place) -> list[Check]:
 
 def _integrity(path: Path) -> Check:
     megabytes = path.stat().st_size / 1e6
-    return _judged("file", f"SQLite, {megabytes:.1f} MB, {path}", sqlite_file.integrity_faults(path), RESTORE)
+    return _judged("file", f"SQLite, {megabytes:.1f} MB, {path}", sqlite.integrity_faults(path), RESTORE)
 
 
 def _version(connection: Connection) -> Check:
@@ -74,7 +72,7 @@ def _references(connection: Connection) -> Check:
     if connection.dialect.name == "postgresql":
         # The server lets nothing in that refers to nothing.
         return Check(name="references", state="ok", found="kept by the server")
-    return _judged("references", "every row's are there", sqlite_file.reference_faults(connection), RESTORE)
+    return _judged("references", "every row's are there", sqlite.reference_faults(connection), RESTORE)
 
 
 def _totals(connection: Connection) -> Check:

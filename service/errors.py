@@ -1,4 +1,18 @@
-"""Every refusal as `application/problem+json` (RFC 9457)."""
+"""Every refusal as `application/problem+json` (RFC 9457).
+
+A few threads for requests that keep a processor busy for seconds, and few who wait for them.
+
+What computes a spiral or an orbit must not take the threads on which claims, heartbeats and reads are
+answered.
+
+    BusyError(RuntimeError)   as many heavy requests as there is room for
+
+A request's body: read whole and bounded before a route sees it, and refused if it holds no number.
+
+One that is too large for memory goes to a file, when its route asks for it.
+
+JSON knows neither NaN nor infinities, but Python's parser takes both, and turns 1e999 into one.
+"""
 
 import logging
 from collections.abc import Collection, Mapping
@@ -13,16 +27,30 @@ from starlette.exceptions import HTTPException
 from core.export import ExportError
 from core.faults import fault_lines
 from core.problem import ProblemError
-from service.access.heavy import BUSY_PAUSE_S, BusyError
-from service.access.request_body import BodyFault
+from service.archive_format.container import PortableConflict, PortableError
 from service.db.errors import Unavailable, WriteFault
-from service.portable.errors import PortableConflict, PortableError
 from service.schemas.answer import Fault
 from service.spec import SpecError
 from service.store import StoreError, UnknownRow
 from service.store.errors import Conflict, OtherClaimant
 from service.store.identity import RefusedToken
 from workers.dispatcher import StaleAttempt
+
+#: After which time a client should ask again for what is busy [s].
+BUSY_PAUSE_S = 10
+
+
+class BusyError(RuntimeError):
+    """As many heavy requests as there is room for."""
+
+
+class BodyFault(ValueError):
+    """A body that no route will see; carries the status of the refusal."""
+
+    def __init__(self, status: int, detail: str) -> None:
+        super().__init__(detail)
+        self.status = status
+
 
 log = logging.getLogger(__name__)
 

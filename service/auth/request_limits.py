@@ -3,15 +3,27 @@
 One that is too large for memory goes to a file, when its route asks for it.
 
 JSON knows neither NaN nor infinities, but Python's parser takes both, and turns 1e999 into one.
+
+A few threads for requests that keep a processor busy for seconds, and few who wait for them.
+
+What computes a spiral or an orbit must not take the threads on which claims, heartbeats and reads are
+answered.
+
+    BusyError(RuntimeError)   as many heavy requests as there is room for
 """
 
 import json
 import math
 import re
-from typing import Any, BinaryIO
+from collections.abc import Callable
+from functools import partial
+from typing import Any, BinaryIO, ParamSpec, TypeVar
 
 import anyio
+import anyio.to_thread
 from starlette.types import Message, Receive
+
+from service.errors import BUSY_PAUSE_S, BodyFault, BusyError
 
 #: How long a client may take to send a body, or the next piece of one that goes to a file [s].
 PATIENCE_S = 30.0
@@ -19,14 +31,6 @@ PATIENCE_S = 30.0
 _SUSPECT = re.compile(rb"NaN|Infinity|[eE]\+?\d{3}|(?<!\d)\d{300}")
 #: Above this size a body is looked through on a thread, so that others are answered meanwhile [byte].
 _LARGE_BYTES = 128 * 1024
-
-
-class BodyFault(ValueError):
-    """A body that no route will see; carries the status of the refusal."""
-
-    def __init__(self, status: int, detail: str) -> None:
-        super().__init__(detail)
-        self.status = status
 
 
 class _NotFinite(Exception):
@@ -105,3 +109,32 @@ def _finite(text: str) -> float:
 
 def _refuse(text: str) -> Any:
     raise _NotFinite(text[:40])
+
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+#: Heavy requests that run at once, and those that may wait for them.
+N_RUNNING, N_WAITING = 2, 8
+
+
+class HeavyWork:
+    """Runs heavy requests on threads of their own; used from one event loop."""
+
+    def __init__(self, n_running: int = N_RUNNING, n_waiting: int = N_WAITING) -> None:
+        self._limiter = anyio.CapacityLimiter(n_running)
+        self._most = n_running + n_waiting
+        self._n_inside = 0
+
+    async def run(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+        """Return what a function returns, or raise a BusyError at once."""
+        if self._n_inside >= self._most:
+            raise BusyError(
+                f"submissions and checks: expected fewer than {self._most} at once, got as many; "
+                f"wait {BUSY_PAUSE_S} s"
+            )
+        self._n_inside += 1
+        try:
+            return await anyio.to_thread.run_sync(partial(function, *args, **kwargs), limiter=self._limiter)
+        finally:
+            self._n_inside -= 1

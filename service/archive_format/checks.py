@@ -1,7 +1,7 @@
 """Whether what a portable file says of a campaign can be so.
 
 Digests show damage; here what somebody may have written on purpose is held against what follows from it:
-hashes from contents, and solves and solutions by the rules of `service.solutions.checks`.
+hashes from contents, and solves and solutions by the rules of `service.validation`.
 """
 
 from collections.abc import Mapping
@@ -15,8 +15,8 @@ from core.analysis.verify import holds
 from core.problem import Problem, content_hash
 from core.search import HopAddress
 from core.tolerances import PAPER, STRICT
-from service.portable.errors import PortableError, first_fault
-from service.portable.lines import (
+from service.archive_format.container import PortableError, first_fault
+from service.archive_format.lines import (
     CampaignLine,
     CertificateLine,
     JobLine,
@@ -24,7 +24,8 @@ from service.portable.lines import (
     SolutionLine,
     SolveLine,
 )
-from service.solutions.checks import (
+from service.spec import Spec
+from service.validation import (
     JobFacts,
     ProblemFacts,
     UnsoundError,
@@ -33,7 +34,6 @@ from service.solutions.checks import (
     require_solution,
     require_solve,
 )
-from service.spec import Spec
 from workers.certificate import CertificateContent
 from workers.job import KIND_NUMBERS, Settings
 

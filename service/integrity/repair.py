@@ -23,13 +23,11 @@ from sqlalchemy import (
 )
 from sqlalchemy.sql import ColumnElement
 
-from service.db import postgres, sqlite_file
+from service.db import postgres, sqlite
 from service.db.columns import Json, Vector
-from service.db.content import Unsound, unsound_rows
-from service.db.dialect import plain
+from service.db.dialect import FILL_TALLIES, TOTALS, plain
 from service.db.errors import DatabaseError
 from service.db.place import Place
-from service.db.recount import FILL_TALLIES, TOTALS
 from service.db.tables import (
     AttemptRow,
     CertificateRow,
@@ -40,6 +38,7 @@ from service.db.tables import (
     SolutionRow,
     SolveRow,
 )
+from service.integrity.content import Unsound, unsound_rows
 
 #: Ids that one statement names.
 AT_ONCE = 500
@@ -142,7 +141,7 @@ def repair(place: Place, file: Path | None) -> Aside:
 
 
 def _engine(place: Place) -> Engine:
-    return sqlite_file.writer_engine(place) if isinstance(place, Path) else postgres.writer_engine(place)
+    return sqlite.writer_engine(place) if isinstance(place, Path) else postgres.writer_engine(place)
 
 
 def _write(connection: Connection, aside: Aside, file: Path) -> None:

@@ -1,0 +1,1 @@
+"""Whether a whole archive is sound, and setting aside what cannot be."""
