@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test check browser pages same chaos docs lint clean
+.PHONY: run test check browser pages same chaos docs lint shape clean
 
 run: $(VENV)/.installed
 	$(BIN)/coastarc run examples/quick.toml
@@ -50,9 +50,13 @@ lint: $(VENV)/.installed-test
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+# How easily things are found: sizes of files, importers, forms of one noun, circles; JSON, and a table on a terminal.
+shape: $(VENV)/.installed-test
+	@$(BIN)/python -m benchmarks.shape
+
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
-	find core workers service tests -name __pycache__ -type d -prune -exec rm -rf {} +
+	find core workers service benchmarks tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)

@@ -1,0 +1,1 @@
+"""What measures the product itself: a developer's tools, run from a clone and never installed."""
