@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test check browser pages same chaos docs lint shape clean
+.PHONY: run test check browser pages same chaos docs lint shape types clean
 
 run: $(VENV)/.installed
 	$(BIN)/coastarc run examples/quick.toml
@@ -44,18 +44,23 @@ docs: $(VENV)/.installed-docs
 	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --builder html docs build/docs
 	@echo "Open build/docs/index.html"
 
-lint: $(VENV)/.installed-test
+lint: $(VENV)/.installed-test node_modules/.installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/node node_modules/typescript/bin/tsc
+
+# What the page's modules know of the API, after a change of its schemas.
+types: $(VENV)/.installed-test node_modules/.installed
+	$(BIN)/python -m tests.page_types
 
 # How easily things are found: sizes of files, importers, forms of one noun, circles; JSON, and a table on a terminal.
 shape: $(VENV)/.installed-test
 	@$(BIN)/python -m benchmarks.shape
 
 clean:
-	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) node_modules build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find core workers service benchmarks tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/bin/python:
@@ -72,3 +77,8 @@ $(VENV)/.installed-test: $(VENV)/bin/python pyproject.toml constraints.txt
 $(VENV)/.installed-docs: $(VENV)/bin/python pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[docs]"
 	touch $@ $(VENV)/.installed
+
+# Node comes with the development packages; neither it nor these tools are there at run time.
+node_modules/.installed: $(VENV)/.installed-test package.json package-lock.json
+	PATH="$(BIN):$$PATH" $(BIN)/npm ci --silent
+	touch $@

@@ -1,4 +1,3 @@
-// @ts-check
 /** The REST API, as every view asks it: JSON in, JSON out, refusals with their words. */
 
 export const ROOT = "/api/v1";

@@ -1,4 +1,3 @@
-// @ts-check
 /** The attempts of a window of time that ends now, kept up to date by asking for what has changed. */
 
 import { get } from "./api.js";

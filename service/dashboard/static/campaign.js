@@ -1,4 +1,3 @@
-// @ts-check
 /** What the service says about a campaign, and how one is steered: each change is asked about first. */
 
 import { post } from "./api.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** The certificate of a solution: what an independent flight found, trajectory by trajectory. */
 
 import { el, fill } from "./dom.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** The chains of a search as a table: what each came to. */
 
 import { el } from "./dom.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** The matrix k' -> k: what seeds of one problem gave for another, shaded by yield. */
 
 import { el, fill } from "./dom.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** How likely outages are on an arc, and how long they last. */
 
 import { Figure } from "./figure.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** Defects at the matchpoints, as solved and as verified: a table, and a picture against the tolerances. */
 
 import { el, fill, svg } from "./dom.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** Questions before something is changed. */
 
 import { ApiError } from "./api.js";

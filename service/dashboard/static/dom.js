@@ -1,4 +1,3 @@
-// @ts-check
 /** Elements without markup strings: text from users stays text. */
 
 const SVG = "http://www.w3.org/2000/svg";

@@ -1,4 +1,3 @@
-// @ts-check
 /** A text area with line numbers, and with what is wrong written behind the lines that it is about. */
 
 import { byId, el, fill } from "./dom.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** A picture with its title, its caption, and buttons that save it. */
 
 import { el, fill } from "./dom.js";

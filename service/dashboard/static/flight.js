@@ -1,4 +1,3 @@
-// @ts-check
 /** A solution in samples, as `GET /solutions/{id}/trajectory` gives it: names, frames, and where things are when. */
 
 import { number } from "./format.js";

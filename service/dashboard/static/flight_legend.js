@@ -1,4 +1,3 @@
-// @ts-check
 /** What the colours of a trajectory mean, with a switch for each realization. */
 
 import { el, fill } from "./dom.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** The flight on its page: frame, moment and switches, and the pictures that follow them. */
 
 import { ApiError, get } from "./api.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** Numbers and times as people read them, always with their unit; "–" where there is none. */
 
 export const NONE = "–";

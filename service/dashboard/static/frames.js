@@ -1,4 +1,3 @@
-// @ts-check
 /** Positions in all frames from those in the inertial one: what a page need not be sent. */
 
 /**

@@ -1,4 +1,3 @@
-// @ts-check
 /** Who did what and when: a lane for each job that a worker has at a time, a bar for each attempt. */
 
 import { el, fill, svg } from "./dom.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** The figures of a campaign: how it came to what it has found. */
 
 import { Figure } from "./figure.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** All solves of a search as marks: a row for each chain or seed, a column for each hop or case. */
 
 import { el, fill, svg } from "./dom.js";

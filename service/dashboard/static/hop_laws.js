@@ -1,4 +1,3 @@
-// @ts-check
 /** The laws of a search in words, and how far its hops reach. */
 
 import { NONE, number, small } from "./format.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** Marks of solves: the shape tells what became of a hop, filled or hollow and the colour how it ended. */
 
 import { svg } from "./dom.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** Jobs of one state, page by page: what runs can be stopped, what was given up can be tried again. */
 
 import { get, post } from "./api.js";
@@ -30,6 +29,10 @@ export class JobTable {
     this.place = place;
     this.more = more;
     this.onChanged = onChanged;
+    /** @type {State} */
+    this.state = "running";
+    /** @type {string | null} */
+    this.campaign = null;
     this.limit = PAGE;
     this.now = Date.now();
     this.leaseS = 30;
@@ -95,7 +98,7 @@ export class JobTable {
       { key: "what", title: "What", minor: true, cell: (job) => (job.seed_id ? `seed ${shortId(job.seed_id)}` : job.n_hops > 1 ? `chain of ${number(job.n_hops, 0)} hops` : "one start") },
     ];
     const own = { running: () => this.running(), queued: () => this.queued(), dead: () => this.dead() };
-    return [...shared, ...own[/** @type {State} */ (this.state)]()];
+    return [...shared, ...own[this.state]()];
   }
 
   /** @returns {import("./table.js").Column<Job>[]} */

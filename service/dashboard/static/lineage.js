@@ -1,4 +1,3 @@
-// @ts-check
 /** Seeds above, this solution, and below what it seeded: boxes that lead to each other, mappings on the lines. */
 
 import { svg } from "./dom.js";

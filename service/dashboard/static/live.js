@@ -1,4 +1,3 @@
-// @ts-check
 /** The stream of events: one connection that repairs itself and says how it is. */
 
 import { ROOT } from "./api.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** Which outages a solution recovers from, and at what price: a map of segment and duration. */
 
 import { Figure } from "./figure.js";
@@ -17,6 +16,8 @@ export class MissedThrustFigure {
   /** @param {HTMLElement} place hidden until there is an analysis */
   constructor(place) {
     this.place = place;
+    /** @type {Figure | undefined} */
+    this.figure = undefined;
   }
 
   /** @param {Analysis | undefined} analysis */

@@ -1,4 +1,3 @@
-// @ts-check
 /** The outages of a problem over the segments of its reference, and what each realization flies. */
 
 import { svg } from "./dom.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** Solves by how they ended: the words, the colours and the bar that all pages use. */
 
 import { el } from "./dom.js";

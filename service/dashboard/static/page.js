@@ -1,4 +1,3 @@
-// @ts-check
 /** What every page does: theme, connection, title, and a view that stays up to date by itself. */
 
 import { ApiError, get } from "./api.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** plotly.js, loaded when the first picture is due, and what all pictures share. */
 
 import { colour } from "./theme.js";

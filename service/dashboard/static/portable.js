@@ -1,4 +1,3 @@
-// @ts-check
 /** A campaign as a file: taken away from its page, and brought to the list of all. */
 
 import { address, ApiError, upload } from "./api.js";

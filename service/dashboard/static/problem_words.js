@@ -1,4 +1,3 @@
-// @ts-check
 /** What a problem is, in words and numbers. */
 
 import { epoch, number } from "./format.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** Controls, mass and distances of a solution against time: outages shaded, the chosen moment marked. */
 
 import { el } from "./dom.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** How to find a solution again, and what of it can be taken away. */
 
 import { address } from "./api.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** The stage of a trajectory: bodies, the Moon's path, axes, and the box around it all. */
 
 import { pointsOf } from "./flight.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** How a search is steered; each change is asked about first. */
 
 import { post } from "./api.js";

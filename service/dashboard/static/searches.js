@@ -1,4 +1,3 @@
-// @ts-check
 /** Progress of every search of a campaign: guesses by outcome, feasibility, cost and best, one row each. */
 
 import { byId, el, fill } from "./dom.js";

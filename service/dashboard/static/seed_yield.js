@@ -1,4 +1,3 @@
-// @ts-check
 /** What each seed of a search was worth. */
 
 import { el } from "./dom.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** How the solves of a search went: violation, delta-v, step sizes and time. */
 
 import { counted, small } from "./format.js";
@@ -157,7 +156,7 @@ export function decades(values) {
  * @param {(solve: Solve) => number} y
  */
 export function lines(solves, x, y) {
-  /** @type {(number | null)[]} */
+  /** @type {(number | null)[][]} */
   const [xs, ys] = [[], []];
   for (const chain of byChain(solves).values()) {
     xs.push(...chain.map(x), null);
@@ -187,7 +186,7 @@ export function middle(solves, value) {
  */
 function best(found, at) {
   const strict = found.filter(({ verdict }) => verdict === "strict").sort((a, b) => (at.get(a.id) ?? 0) - (at.get(b.id) ?? 0));
-  /** @type {number[]} */
+  /** @type {number[][]} */
   const [x, y] = [[], []];
   for (const solve of strict) {
     const deltaV = solve.delta_v_km_s ?? Infinity;

@@ -1,4 +1,3 @@
-// @ts-check
 /** The solves of one search, kept up to date by asking for what has come since. */
 
 import { get } from "./api.js";

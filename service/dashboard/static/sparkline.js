@@ -1,4 +1,3 @@
-// @ts-check
 /** A small line that shows how something got better, without axes. */
 
 import { svg } from "./dom.js";

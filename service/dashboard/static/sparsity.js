@@ -1,4 +1,3 @@
-// @ts-check
 /** Where the Jacobian of a problem has entries: one bar for each run of neighbours in a row. */
 
 import { svg } from "./dom.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** Strategies S(k) and S(k|k'): their order, and a look that is the same on all pages. */
 
 import { series } from "./plots.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** A picture of our own: SVG with its title, its caption, and buttons that save it; drawn again when its width changes. */
 
 import { el, fill, svg } from "./dom.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** Tables: sorted by any column, rows reached by pointer and keyboard. */
 
 import { el, fill } from "./dom.js";

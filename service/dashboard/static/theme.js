@@ -1,4 +1,3 @@
-// @ts-check
 /** Light or dark: the system's wish, until the reader chooses. */
 
 import { byId } from "./dom.js";

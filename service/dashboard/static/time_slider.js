@@ -1,4 +1,3 @@
-// @ts-check
 /** A moment of a flight, chosen by hand or passing by itself. */
 
 import { el, fill } from "./dom.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** A solution in space: all arcs in one of three frames, and markers that move with time. */
 
 import { Figure, sampled } from "./figure.js";

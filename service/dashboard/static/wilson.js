@@ -1,4 +1,3 @@
-// @ts-check
 /** Wilson's 95 % interval of a ratio, equation 23 of docs/method.md. */
 
 const Z = 1.96;

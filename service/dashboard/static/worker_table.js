@@ -1,4 +1,3 @@
-// @ts-check
 /** Workers: who is there, how busy they are, and what they need. */
 
 import { el } from "./dom.js";

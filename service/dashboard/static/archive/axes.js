@@ -1,4 +1,3 @@
-// @ts-check
 /** The numbers of a solution that filters restrict and axes show. */
 
 /**

@@ -1,4 +1,3 @@
-// @ts-check
 /** Up to four solutions chosen for comparison; they stand in the address. */
 
 import { byId, el, fill } from "../dom.js";

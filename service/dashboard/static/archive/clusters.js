@@ -1,4 +1,3 @@
-// @ts-check
 /** Distinct solutions: each with how often it was found again, and how far apart those are. */
 
 import { byId, el } from "../dom.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** The fields that restrict the archive: what they say stands in the address of the page. */
 
 import { address } from "../api.js";
@@ -97,6 +96,7 @@ export class Filters {
     if (!NAMES.includes(field.name)) return;
     if (!field.checkValidity()) return field.reportValidity();
     // Searches and outages of another campaign are others.
+    /** @type {Record<string, null>} */
     const others = field.name === "campaign" ? { search: null, segment: null, duration_days: null } : {};
     setParameters({ ...others, [field.name]: field.value || null, ...ANEW });
     this.onChange();

@@ -1,4 +1,3 @@
-// @ts-check
 /** The table of solutions: sorted and cut into pages by the service. */
 
 import { get } from "../api.js";

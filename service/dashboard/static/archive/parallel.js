@@ -1,4 +1,3 @@
-// @ts-check
 /** Parallel coordinates: a line per solution, an axis per number, and brushes that restrict them. */
 
 import { el, svg } from "../dom.js";
@@ -38,6 +37,8 @@ export class Parallel {
     this.points = undefined;
     /** @type {Ranges} */
     this.ranges = new Map();
+    /** @type {number | undefined} */
+    this.frame = undefined;
     this.figure.plot.addEventListener("pointerdown", (event) => this.begin(event));
     this.figure.plot.addEventListener("pointermove", (event) => this.drag(event));
     this.figure.plot.addEventListener("pointerup", (event) => this.end(event));
@@ -159,8 +160,8 @@ export class Parallel {
     if (!this.held) return;
     const bounds = this.bounds(this.held.place, this.held.from, this.height(event));
     this.ranges = new Map(this.held.before).set(AXES[this.held.place].key, bounds);
-    this.waiting ??= requestAnimationFrame(() => {
-      this.waiting = undefined;
+    this.frame ??= requestAnimationFrame(() => {
+      this.frame = undefined;
       this.figure.draw();
     });
   }

@@ -1,4 +1,3 @@
-// @ts-check
 /** Delta-v against time of flight, one colour and mark per strategy; a point opens its solution. */
 
 import { Figure } from "../figure.js";

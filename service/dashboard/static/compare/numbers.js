@@ -1,4 +1,3 @@
-// @ts-check
 /** Solutions side by side in numbers, the best of each row marked. */
 
 import { byId, el, fill } from "../dom.js";

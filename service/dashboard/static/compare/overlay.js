@@ -1,4 +1,3 @@
-// @ts-check
 /** Several trajectories in one picture, in one of three frames. */
 
 import { el } from "../dom.js";

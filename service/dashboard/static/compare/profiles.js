@@ -1,4 +1,3 @@
-// @ts-check
 /** Throttle and mass of several solutions against time, over each other. */
 
 import { Figure } from "../figure.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** The sides of a comparison: which solutions, and how each looks in all pictures. */
 
 import { shortId } from "../format.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** The archive: solutions of all campaigns, filtered by the address, as pictures and as a table. */
 
 import { get } from "../api.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** One campaign: how far, which strategy pays, what went wrong, and how it is steered. */
 
 import { ApiError, get, post } from "../api.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** All campaigns: how far, how well, how long still. */
 
 import { get } from "../api.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** A comparison: up to four solutions side by side, named by the address. */
 
 import { ApiError, find, get } from "../api.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** One problem: what is solved, under which outages, how it looks to the solver, and what was found. */
 
 import { find, get } from "../api.js";

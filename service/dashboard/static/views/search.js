@@ -1,4 +1,3 @@
-// @ts-check
 /** One search: what its chains do, or what became of its seeds, and by which laws. */
 
 import { ApiError, get } from "../api.js";
@@ -62,18 +61,21 @@ async function refresh(events, isAll) {
   // Not awaited yet: of a large search they come a while after all that is told of it in words.
   const asked = solves.refresh(isAll);
   asked.catch(() => {});
+  /** @type {Detail} */
+  let search;
   try {
-    [shown, maySteer] = await Promise.all([get(path), isAll ? steers() : maySteer]);
+    [search, maySteer] = await Promise.all([get(path), isAll ? steers() : maySteer]);
   } catch (error) {
     if (!(error instanceof ApiError) || ![404, 422].includes(error.status)) throw error;
     return missing(error.message);
   }
-  showHead(shown);
+  shown = search;
+  showHead(search);
   await asked;
-  if (shown.n_solves === 0 && shown.state === "waiting") return waits(shown);
+  if (search.n_solves === 0 && search.state === "waiting") return waits(search);
   showEmpty();
   // Pictures of the same data are left alone: they are what costs.
-  const data = JSON.stringify([shown, solves.last, solves.byId.size]);
+  const data = JSON.stringify([search, solves.last, solves.byId.size]);
   if (data !== drawn) await redraw();
   drawn = data;
 }

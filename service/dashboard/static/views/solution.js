@@ -1,4 +1,3 @@
-// @ts-check
 /** One solution: its flight, its defects, where it came from, and how to find it again. */
 
 import { find, get } from "../api.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** A new campaign: its specification written or uploaded, checked as one types, and submitted. */
 
 import { ApiError, get, post } from "../api.js";

@@ -1,4 +1,3 @@
-// @ts-check
 /** Workers and jobs: who is connected, what each does and did, what waits, and what went wrong. */
 
 import { get, post } from "../api.js";
