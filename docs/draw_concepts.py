@@ -20,7 +20,7 @@ from core.orbits import departure_state, target_kernel
 from core.problem import Problem, load_problem
 from service.schemas.solution import RecordWithVector
 from service.store import Store
-from service.store.filter import filter_of
+from service.store.filters import filter_of
 
 matplotlib.use("Agg")
 Array = NDArray[np.float64]

@@ -7,7 +7,7 @@ from fastapi import APIRouter, HTTPException, Query
 
 from service.api.context import Id, StoreHere
 from service.schemas.job import AttemptPage, AttemptsOfJob, QueueView, Requeued
-from service.store.activity import MOST
+from service.store.jobs import MOST
 
 router = APIRouter(tags=["jobs"])
 

@@ -12,7 +12,7 @@ from fastapi import APIRouter, Body
 from service.api.context import After, CampaignWanted, Id, IdentityHere, Limit, SearchWanted, StoreHere
 from service.schemas.answer import Fault
 from service.schemas.job import JobPage, JobState, JobView, WorkerPage
-from service.store.dispatch import Report
+from service.store.completion import Report
 from workers.executor import Ticket
 from workers.job import (
     ClaimAnswer,

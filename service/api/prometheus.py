@@ -14,7 +14,7 @@ from service.api.context import StoreHere
 from service.db.engine import CLASSES_S
 from service.db.tables import CAMPAIGN_STATES, ENDINGS, JOB_STATES
 from service.store import Store
-from service.store.gauges import Reading
+from service.store.statistics import Reading
 
 router = APIRouter(tags=["health"])
 

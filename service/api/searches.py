@@ -7,7 +7,7 @@ from fastapi import APIRouter, Query
 from service.api.campaigns import SearchName
 from service.api.context import After, Id, StoreHere
 from service.schemas.search import HopsView, SearchDetail
-from service.store.activity import MOST
+from service.store.jobs import MOST
 
 router = APIRouter(tags=["campaigns"])
 

@@ -4,7 +4,7 @@ from typing import Annotated
 
 from fastapi import Depends, Query
 
-from service.store.filter import Filter
+from service.store.filters import Filter
 
 
 def _filter(wanted: Annotated[Filter, Query()]) -> Filter:

@@ -9,7 +9,7 @@ from service.api.context import Hash, Limit, StoreHere
 from service.api.export import CSV, NDJSON, begun, csv_lines, ndjson_lines
 from service.api.solution_filter import FilterWanted
 from service.schemas.solution import RecordInFull, RecordPage
-from service.store.page import Begin, Order, Sort
+from service.store.filters import Begin, Order, Sort
 
 router = APIRouter(tags=["solutions"])
 

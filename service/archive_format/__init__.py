@@ -1,5 +1,5 @@
 """A campaign as one file that another installation takes in: with its hashes, its seeds and every solve.
 
 `lines` says what stands in it, `container` packs and unpacks it, `checks` judges what came from elsewhere;
-the rows come from `service.store.portable_rows` and go back by `service.store.portable_import`.
+the rows come from `service.store.archive_io` and go back by `service.store.archive_io`.
 """

@@ -13,8 +13,7 @@ from service.cli.terminal_record import print_record
 from service.cli.terminal_verify import print_certificate
 from service.cli.verify import verify_command
 from service.store import Store
-from service.store.filter import filter_of
-from service.store.page import Order, Sort
+from service.store.filters import Order, Sort, filter_of
 
 CampaignName = Annotated[str | None, typer.Option(help="Id or name of a campaign.")]
 

@@ -6,7 +6,7 @@ Counting by a column, which several queries do.
 
 What tallies have to be: counted from the rows, which takes long.
 
-For archives that had none, for `coastarc db check`, and for tests; see `service.store.tallies`.
+For archives that had none, for `coastarc db check`, and for tests; see `service.store.statistics`.
 """
 
 from collections.abc import Sequence

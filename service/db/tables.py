@@ -47,7 +47,7 @@ class CampaignRow(Base):
     id: Mapped[int] = mapped_column(primary_key=True)
     name: Mapped[str]
     spec_hash: Mapped[str] = mapped_column(unique=True)
-    #: Read by itself, since it is large and rarely needed; see `service.store.specs`.
+    #: Read by itself, since it is large and rarely needed; see `service.store.cache`.
     spec: Mapped[Any] = mapped_column(Json, deferred=True)
     rng_seed: Mapped[int]
     state: Mapped[str]
@@ -117,7 +117,7 @@ class TallyRow(Base):
     __table_args__ = _table(_one_of("noun", TALLIED))
     search_id: Mapped[int] = mapped_column(ForeignKey("search.id"), primary_key=True)
     noun: Mapped[str] = mapped_column(primary_key=True)
-    #: Which of them; see `service.store.tallies`.
+    #: Which of them; see `service.store.statistics`.
     name: Mapped[str] = mapped_column(primary_key=True)
     number: Mapped[int]
     cpu_seconds: Mapped[float]

@@ -11,7 +11,7 @@ from core.transcription import layout_of
 from service.schemas.campaign import CampaignView
 from service.schemas.solution import Map, MissedThrustView, SegmentRisk, SurvivabilityView
 from service.store import Store
-from service.store.missed_thrust import Analysed
+from service.store.solutions import Analysed
 
 
 def views_of(

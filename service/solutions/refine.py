@@ -17,7 +17,7 @@ from core.search import REFINED, refined_problem
 from service.schemas.solution import RecordInFull
 from service.spec import Spec, spec_from
 from service.store import Store
-from service.store.filter import Filter
+from service.store.filters import Filter
 
 
 class RefineError(UserError, ValueError):

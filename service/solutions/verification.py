@@ -19,8 +19,8 @@ from pydantic import BaseModel
 from core.analysis.certificate import lowest_passages
 from core.faults import UserError
 from service.store import Store
-from service.store.certificates import Subject
-from service.store.filter import Filter
+from service.store.filters import Filter
+from service.store.solutions import Subject
 from workers.certificate import CertificateDocument
 
 #: How trustworthy a level is.

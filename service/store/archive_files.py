@@ -11,7 +11,7 @@ from typing import BinaryIO
 from service.archive_format.container import Unpacked, pack
 from service.archive_format.reading import read_all, unpack_targets
 from service.store import Store
-from service.store.portable_import import TakenIn
+from service.store.archive_io import TakenIn
 
 _PIECE = 2**20
 #: A file that is refused takes the kernels it brought away again: no other may have begun to use them.

@@ -1,17 +1,31 @@
-"""Leases: renewed by heartbeats, taken back when they run out or when their workers are gone."""
+"""Leases: renewed by heartbeats, taken back when they run out or when their workers are gone.
 
+Workers: they register with every claim and heartbeat, and must compute what the coordinator would.
+
+What the archive forgets: its audit and its events would else grow for as long as a service runs.
+
+Results, jobs and attempts are never forgotten.
+"""
+
+import platform
 from collections.abc import Iterable, Sequence
+from typing import Any
 
-from sqlalchemy import ColumnElement, literal_column, select, tuple_, update
+from sqlalchemy import ColumnElement, bindparam, delete, func, literal_column, select, tuple_, update
 from sqlalchemy.orm import Session
 
-from service.db.tables import AttemptRow, CampaignRow, JobRow, SearchRow, WorkerRow
-from service.store.dispatch import end_attempt
+from service.db.dialect import insert_new, plain
+from service.db.identity import AuditRow
+from service.db.tables import AttemptRow, CampaignRow, EventRow, JobRow, SearchRow, WorkerRow
+from service.schemas.job import WorkerPage
+from service.store.completion import end_attempt
+from service.store.errors import WorkerRefused
 from service.store.events import note_job
-from service.store.submission import advance
-from service.store.tallies import Counts
+from service.store.planning import advance
+from service.store.statistics import Counts
 from workers.executor import Ticket
-from workers.job import Ending, HeartbeatAnswer, HeldJob
+from workers.job import Ending, HeartbeatAnswer, HeldJob, WorkerInfo
+from workers.provenance import code_version
 
 #: As text, since only then is the index of this state used.
 _IS_RUNNING = JobRow.state == literal_column("'running'")
@@ -139,3 +153,82 @@ def _go_on(session: Session, jobs: Sequence[JobRow], now: float) -> None:
         campaigns.add(search.campaign_id)
     for campaign_id in sorted(campaigns):
         advance(session, session.get_one(CampaignRow, campaign_id), now)
+
+
+#: Columns that a view takes over as they are.
+SHOWN = (*WorkerInfo.model_fields, "created_at", "seen_at")
+
+
+_AGAIN = update(plain(WorkerRow)).where(plain(WorkerRow).c.name == bindparam("known"))
+
+
+def register(session: Session, info: WorkerInfo, now: float) -> None:
+    """Store what a worker says about itself, or refuse it."""
+    _require_same(info)
+    row = info.model_dump() | {"seen_at": now}
+    if not insert_new(session, WorkerRow, row | {"created_at": now}):
+        session.connection().execute(_AGAIN, row | {"known": info.name})
+
+
+def _require_same(info: WorkerInfo) -> None:
+    """Other code or another Python would give other numbers under the same rng_seed."""
+    ours = (code_version(), _minor(platform.python_version()))
+    theirs = (info.code_version, _minor(info.python_version))
+    if theirs != ours:
+        raise WorkerRefused(
+            f"worker {info.name}: expected coastarc {ours[0]} on Python {ours[1]}, got {theirs[0]} on Python "
+            f"{theirs[1]}; install the coordinator's version where it runs, and start it again"
+        )
+
+
+def _minor(python_version: str) -> str:
+    return ".".join(python_version.split(".")[:2])
+
+
+def list_workers(session: Session, now: float, alive_s: float, limit: int = 200) -> WorkerPage:
+    """Return the workers, those seen last first, with the jobs that each holds."""
+    rows = session.scalars(select(WorkerRow).order_by(WorkerRow.seen_at.desc(), WorkerRow.name).limit(limit))
+    workers = {row.name: row for row in rows}
+    query = (
+        select(JobRow.worker, JobRow.id.label("job_id"), JobRow.attempt, JobRow.lease_until)
+        .where(JobRow.state == "running", JobRow.worker.in_(list(workers)))
+        .order_by(JobRow.id)
+    )
+    held: dict[str, list[dict[str, Any]]] = {name: [] for name in workers}
+    for job in session.execute(query).mappings():
+        fields = dict(job)
+        held[fields.pop("worker")].append(fields)
+    items = [
+        {column: getattr(row, column) for column in SHOWN}
+        | {"is_alive": abs(row.seen_at - now) < alive_s, "held": held[row.name]}
+        for row in workers.values()
+    ]
+    return WorkerPage.model_validate({"items": items})
+
+
+DAY_S = 86400.0
+#: So much of the audit stays: a busy client needs hours to write over what it did, and a year is for people.
+AUDIT_ROWS, AUDIT_S = 1_000_000, 400 * DAY_S
+#: Events for whoever comes back: 80 MB, and a quarter of an hour even at 400 outcomes a second.
+EVENT_ROWS = 500_000
+#: Rows that go at once, since other writes wait meanwhile.
+STEP = 2_000
+
+
+def prune(session: Session, now: float) -> int:
+    """Delete the oldest rows beyond what stays, a bounded number of them; return how many."""
+    is_old = AuditRow.created_at < now - AUDIT_S
+    return _prune(session, AuditRow, AUDIT_ROWS, is_old) + _prune(session, EventRow, EVENT_ROWS)
+
+
+def _prune(
+    session: Session, table: type[AuditRow | EventRow], n_rows: int, is_old: ColumnElement[bool] | None = None
+) -> int:
+    # Ids grow with time, so both ends are found without counting.
+    first, last = session.execute(select(func.min(table.id), func.max(table.id))).one()
+    if first is None:
+        return 0
+    is_over = table.id <= last - n_rows
+    which = is_over if is_old is None else is_over | is_old
+    oldest = (table.id < first + STEP) & which & (table.id < last)
+    return len(session.execute(delete(table).where(oldest).returning(table.id)).all())

@@ -33,43 +33,33 @@ from service.schemas.solution import (
 )
 from service.spec import Spec
 from service.store import (
-    cards,
-    catalogue,
-    choices,
+    archive_io,
+    campaign_history,
+    campaigns,
     claims,
-    clusters,
-    control,
-    descent,
-    dispatch,
+    completion,
     events,
-    facts,
-    family,
-    find,
-    history,
+    filters,
+    jobs,
     leases,
-    missed_thrust,
-    points,
-    portable_import,
-    portable_rows,
-    progress,
-    pruning,
-    records,
+    lineage,
+    planning,
+    scatter,
     seeds,
-    submission,
-    workers,
+    solutions,
+    statistics,
 )
-from service.store.activity import Activity
-from service.store.certificates import Certificates
-from service.store.chronicles import Chronicles
-from service.store.control import Verb
+from service.store.archive_io import TakenIn
+from service.store.cache import spec_fields, spec_of
+from service.store.campaign_history import Chronicles
+from service.store.campaigns import Verb
 from service.store.errors import StoreError, UnknownRow
-from service.store.filter import Filter
-from service.store.gauges import Gauges, require_writable
+from service.store.filters import Begin, Filter, Order
 from service.store.identity import Identities
-from service.store.page import Begin, Order
-from service.store.portable_import import TakenIn
+from service.store.jobs import Activity
 from service.store.seeds import SeedsWanted
-from service.store.specs import spec_fields, spec_of
+from service.store.solutions import Certificates
+from service.store.statistics import Gauges, require_writable
 from workers.executor import Ticket
 from workers.job import (
     ChainPart,
@@ -147,20 +137,20 @@ class Store:
         of their own: one that no campaign follows does no harm.
         """
         with self._database.read() as session:
-            is_known = submission.is_known(session, spec, key)
-        cases = None if is_known else submission.Cases(spec)
+            is_known = planning.is_known(session, spec, key)
+        cases = None if is_known else planning.Cases(spec)
         if cases is not None and not cases.is_small:
             for piece in cases.pieces():
-                self._database.write(partial(submission.add_problems, rows=piece))
+                self._database.write(partial(planning.add_problems, rows=piece))
                 time.sleep(TURN_S)
         return self._database.write(
-            lambda session: submission.submit(session, spec, self._now(session), key, cases)
+            lambda session: planning.submit(session, spec, self._now(session), key, cases)
         )
 
     def unplanned(self, campaign_id: int | None = None) -> list[int]:
         """Return the campaigns of which searches are still to be planned, all or the one if it is such."""
         with self._database.read() as session:
-            return submission.unplanned(session, campaign_id)
+            return planning.unplanned(session, campaign_id)
 
     def plan_rest(self, campaign_id: int, is_stopped: Callable[[], bool] = lambda: False) -> None:
         """Plan what is left of a campaign, in transactions between which others have their turn."""
@@ -168,21 +158,21 @@ class Store:
             # To parse a long one takes a second: not inside of the transaction that needs it.
             self._parse_spec(campaign_id)
             self._database.write(
-                lambda session: submission.plan_piece(session, campaign_id, self._now(session))
+                lambda session: planning.plan_piece(session, campaign_id, self._now(session))
             )
             time.sleep(TURN_S)
 
     def _parse_spec(self, campaign_id: int) -> None:
         with self._database.read() as session:
-            spec_of(control.get_campaign_row(session, campaign_id))
+            spec_of(campaigns.get_campaign_row(session, campaign_id))
 
     def add_problem(self, problem: Problem) -> bool:
         """Store a problem, so that its hash stands for it; return whether it is new."""
-        return self._database.write(lambda session: submission.add_problem(session, problem))
+        return self._database.write(lambda session: planning.add_problem(session, problem))
 
     def register(self, worker: WorkerInfo) -> None:
         """Store what a worker says about itself; one that would compute something else is refused."""
-        self._database.write(lambda session: workers.register(session, worker, self._now(session)))
+        self._database.write(lambda session: leases.register(session, worker, self._now(session)))
 
     def claim(
         self, worker: WorkerInfo | str, n_jobs: int, campaign: int | None = None, by: str | None = None
@@ -219,7 +209,7 @@ class Store:
     def hand_in(self, ticket: Ticket, part: ChainPart, by: str | None = None) -> HandInAnswer:
         """Store hops of a chain that goes on; a stale part raises, one that came before changes nothing."""
         return self._database.write(
-            lambda session: dispatch.hand_in(session, ticket, part, self._clock(), by)
+            lambda session: completion.hand_in(session, ticket, part, self._clock(), by)
         )
 
     def complete(self, ticket: Ticket, outcome: JobOutcome, by: str | None = None) -> CompleteAnswer:
@@ -227,11 +217,11 @@ class Store:
         return self.complete_many([(ticket, outcome)], by)[0]
 
     def complete_many(
-        self, reports: Sequence[dispatch.Report | tuple[Ticket, JobOutcome]], by: str | None = None
+        self, reports: Sequence[completion.Report | tuple[Ticket, JobOutcome]], by: str | None = None
     ) -> list[CompleteAnswer]:
         """Take back outcomes in one transaction; a stale one among them raises, and none is stored."""
         return self._database.write(
-            lambda session: dispatch.complete(session, reports, self._now(session), by)
+            lambda session: completion.complete(session, reports, self._now(session), by)
         )
 
     def now(self) -> float:
@@ -255,7 +245,7 @@ class Store:
 
     def prune(self) -> int:
         """Forget the oldest of the audit and of the events, some at a time; return how many rows."""
-        return self._database.write(lambda session: pruning.prune(session, self._now(session)))
+        return self._database.write(lambda session: leases.prune(session, self._now(session)))
 
     def recover(self, workers: str = "") -> int:
         """Put back the jobs of workers that are gone, by the beginning of their names; return how many."""
@@ -263,58 +253,58 @@ class Store:
 
     def revive(self, campaign_id: int) -> int:
         """Put back the jobs of a campaign that were given up; return how many."""
-        return self._database.write(lambda session: control.revive(session, campaign_id, self._now(session)))
+        return self._database.write(
+            lambda session: campaigns.revive(session, campaign_id, self._now(session))
+        )
 
     def control_campaign(self, campaign_id: int, verb: Verb) -> None:
         """Pause, resume or cancel a campaign."""
         self._database.write(
-            lambda session: control.control_campaign(session, campaign_id, verb, self._now(session))
+            lambda session: campaigns.control_campaign(session, campaign_id, verb, self._now(session))
         )
 
     def control_search(self, campaign_id: int, search: str, verb: Verb) -> None:
         """Pause, resume or cancel a search."""
         self._database.write(
-            lambda session: control.control_search(session, campaign_id, search, verb, self._now(session))
+            lambda session: campaigns.control_search(session, campaign_id, search, verb, self._now(session))
         )
 
     def set_campaign(self, campaign_id: int, *, priority: int) -> None:
         """Change the priority of a campaign; lower goes first."""
-        self._database.write(lambda session: control.set_campaign(session, campaign_id, priority))
+        self._database.write(lambda session: campaigns.set_campaign(session, campaign_id, priority))
 
     def set_search(
         self, campaign_id: int, search: str, *, weight: float | None = None, priority: int | None = None
     ) -> None:
         """Change how large a part of the workers a search gets, or when it gets it."""
         self._database.write(
-            lambda session: control.set_search(session, campaign_id, search, weight, priority)
+            lambda session: campaigns.set_search(session, campaign_id, search, weight, priority)
         )
 
     def cancel_job(self, job_id: int) -> None:
         """Cancel a job that is queued, or have one stopped that runs."""
-        self._database.write(lambda session: control.cancel_job(session, job_id, self._now(session)))
+        self._database.write(lambda session: campaigns.cancel_job(session, job_id, self._now(session)))
 
     def requeue_job(self, job_id: int) -> None:
         """Give a dead or cancelled job another attempt."""
-        self._database.write(lambda session: control.requeue_job(session, job_id, self._now(session)))
+        self._database.write(lambda session: campaigns.requeue_job(session, job_id, self._now(session)))
 
     def take_in(self, read: ReadFile) -> TakenIn:
         """Store the campaigns of a portable file that are not there yet, in one transaction."""
-        return self._database.write(
-            lambda session: portable_import.take_in(session, read, self._now(session))
-        )
+        return self._database.write(lambda session: archive_io.take_in(session, read, self._now(session)))
 
     # What reads it.
 
     def write_portable(self, campaign_id: int, take: Callable[[str, Iterable[Entry]], object]) -> None:
         """Give `take` the hash of a campaign and the entries of its portable file, all of one moment."""
         with self._database.read() as session:
-            chain = portable_rows.chain_of_campaigns(session, campaign_id)
-            take(chain[-1].spec_hash, portable_rows.entries(session, chain))
+            chain = archive_io.chain_of_campaigns(session, campaign_id)
+            take(chain[-1].spec_hash, archive_io.entries(session, chain))
 
     def campaigns(self) -> list[CampaignItem]:
         """Return the campaigns, the newest first."""
         with self._database.read() as session:
-            return progress.list_campaigns(session)
+            return campaigns.list_campaigns(session)
 
     def read_history(self) -> bool:
         """Read a piece of what cards and histories of campaigns tell of; return whether more may be left."""
@@ -323,12 +313,12 @@ class Store:
     def campaign_cards(self) -> list[CampaignCard]:
         """Return the campaigns with how far they are and what they have found, the newest first."""
         now = self._about_now()
-        return self._chronicles.ask(lambda session, known: cards.campaign_cards(session, known, now))
+        return self._chronicles.ask(lambda session, known: campaigns.campaign_cards(session, known, now))
 
     def campaign_history(self, campaign_id: int) -> HistoryView:
         """Return how a campaign came to what it has found."""
         return self._chronicles.ask(
-            lambda session, known: history.campaign_history(session, known, campaign_id)
+            lambda session, known: campaign_history.campaign_history(session, known, campaign_id)
         )
 
     def spec_fields(self, campaign_id: int) -> dict[str, Any]:
@@ -339,27 +329,27 @@ class Store:
     def campaign(self, campaign_id: int) -> CampaignView:
         """Return a campaign with its searches."""
         with self._database.read() as session:
-            return progress.get_campaign(session, campaign_id, self._now(session))
+            return campaigns.get_campaign(session, campaign_id, self._now(session))
 
     def campaign_state(self, campaign_id: int) -> str:
         """Return the state of a campaign alone."""
         with self._database.read() as session:
-            return find.campaign_state(session, campaign_id)
+            return filters.campaign_state(session, campaign_id)
 
     def campaign_facts(self, campaign_id: int, most_vectors: int | None = None) -> CampaignFacts:
         """Return the facts behind the metrics of a campaign, without its vectors if there are more."""
         with self._database.read() as session:
-            return facts.campaign_facts(session, campaign_id, most_vectors)
+            return statistics.campaign_facts(session, campaign_id, most_vectors)
 
     def n_solves(self, campaign_id: int) -> int:
         """Return how many solves a campaign has made."""
         with self._database.read() as session:
-            return facts.n_solves(session, campaign_id)
+            return statistics.n_solves(session, campaign_id)
 
     def find_campaign(self, name_or_id: str) -> int:
         """Return the campaign of an id, or the newest of a name."""
         with self._database.read() as session:
-            return find.find_campaign(session, name_or_id)
+            return filters.find_campaign(session, name_or_id)
 
     def records(
         self,
@@ -370,7 +360,7 @@ class Store:
     ) -> RecordPage:
         """Return a page of solutions."""
         with self._database.read() as session:
-            return records.list_records(session, wanted, order, begin, limit)
+            return solutions.list_records(session, wanted, order, begin, limit)
 
     def all_records(
         self,
@@ -380,29 +370,29 @@ class Store:
     ) -> list[RecordWithVector]:
         """Return the solutions of a filter with their vectors, all or the first so many."""
         with self._database.read() as session:
-            return records.all_records(session, wanted, order, limit)
+            return solutions.all_records(session, wanted, order, limit)
 
     def points(self, wanted: Filter, most: int) -> PointsView:
         """Return the solutions of a filter as points, at most so many of them."""
         with self._database.read() as session:
-            return points.list_points(session, wanted, most)
+            return scatter.list_points(session, wanted, most)
 
     def clusters(self, wanted: Filter, threshold: float, limit: int) -> ClusterPage:
         """Return the best clusters of the solutions of a filter."""
         with self._database.read() as session:
-            return clusters.list_clusters(session, wanted, threshold, limit)
+            return scatter.list_clusters(session, wanted, threshold, limit)
 
     def choices(self, campaign: int | None) -> ChoicesView:
         """Return what a filter of solutions can be set to."""
         with self._database.read() as session:
-            return choices.list_choices(session, campaign)
+            return filters.list_choices(session, campaign)
 
     def record_pages(self, wanted: Filter, size: int = 100) -> Iterator[list[RecordWithVector]]:
         """Yield all solutions of a filter in order of id; each page is one short transaction."""
         after = ""
         while True:
             with self._database.read() as session:
-                page = records.page_by_id(session, wanted, after, size)
+                page = solutions.page_by_id(session, wanted, after, size)
             yield page
             if len(page) < size:
                 return
@@ -411,61 +401,61 @@ class Store:
     def record(self, solution_id: str) -> RecordInFull:
         """Return a solution."""
         with self._database.read() as session:
-            return records.get_record(session, solution_id)
+            return solutions.get_record(session, solution_id)
 
     def find_solution(self, prefix: str) -> str:
         """Return the id that begins with a prefix."""
         with self._database.read() as session:
-            return records.find_id(session, prefix)
+            return solutions.find_id(session, prefix)
 
     def definition_and_vector(self, solution_id: str) -> tuple[dict[str, Any], np.ndarray[Any, Any]]:
         """Return the problem of a solution as plain data, and its vector."""
         with self._database.read() as session:
-            return records.definition_and_vector(session, solution_id)
+            return solutions.definition_and_vector(session, solution_id)
 
     def lineage(self, solution_id: str, most: int = 0) -> LineageGraph:
         """Return the seeds behind a solution, and so many of those that it seeded."""
         with self._database.read() as session:
-            return descent.graph(session, solution_id, most)
+            return lineage.graph(session, solution_id, most)
 
     def reproduction(self, solution_id: str) -> Reproduction:
         """Return the job that found a solution, and what it gave."""
         with self._database.read() as session:
-            return descent.reproduction(session, solution_id)
+            return lineage.reproduction(session, solution_id)
 
     def missed_thrust_analyses(
         self, solution_id: str, campaign_id: int | None = None, limit: int = 1
-    ) -> list[missed_thrust.Analysed]:
+    ) -> list[solutions.Analysed]:
         """Return what the newest missed-thrust analyses of a solution found, or that of one campaign."""
         with self._database.read() as session:
-            return missed_thrust.find_analyses(session, solution_id, campaign_id, limit)
+            return solutions.find_analyses(session, solution_id, campaign_id, limit)
 
     def problems(self) -> ProblemPage:
         """Return the problems."""
         with self._database.read() as session:
-            return catalogue.list_problems(session)
+            return jobs.list_problems(session)
 
     def problem(self, problem_hash: str) -> ProblemView:
         """Return a problem."""
         with self._database.read() as session:
-            return catalogue.get_problem(session, problem_hash)
+            return jobs.get_problem(session, problem_hash)
 
     def family(self, problem_hash: str) -> ProblemFamily:
         """Return what was found for a problem, and its relatives."""
         with self._database.read() as session:
-            return family.family(session, problem_hash)
+            return seeds.family(session, problem_hash)
 
     def jobs(
         self, campaign: int | None, search: str | None, state: str | None, limit: int, after: int = 0
     ) -> JobPage:
         """Return a page of jobs."""
         with self._database.read() as session:
-            return catalogue.list_jobs(session, campaign, search, state, limit, after)
+            return jobs.list_jobs(session, campaign, search, state, limit, after)
 
     def job(self, job_id: int) -> JobView:
         """Return a job."""
         with self._database.read() as session:
-            return catalogue.get_job(session, job_id)
+            return jobs.get_job(session, job_id)
 
     def seeds_of_search(self, campaign_id: int, search: str, wanted: SeedsWanted) -> SeedPage:
         """Return what would seed a search, and how."""
@@ -486,7 +476,7 @@ class Store:
     def workers(self) -> WorkerPage:
         """Return the workers that have registered, with the jobs that they hold."""
         with self._database.read() as session:
-            return workers.list_workers(session, self._now(session), self.leases.lease_s)
+            return leases.list_workers(session, self._now(session), self.leases.lease_s)
 
     def events(self, after: int, campaign: int | None = None, limit: int = 200) -> list[EventView]:
         """Return the events that follow an id."""
@@ -519,5 +509,5 @@ def _registered(session: Session, worker: WorkerInfo | str, now: float) -> str:
     """Store what a worker says about itself, where it does, in the transaction of what it asks for."""
     if isinstance(worker, str):
         return worker
-    workers.register(session, worker, now)
+    leases.register(session, worker, now)
     return worker.name

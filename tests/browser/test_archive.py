@@ -2,8 +2,7 @@
 
 import pytest
 
-from service.store.filter import Filter
-from service.store.page import Order
+from service.store.filters import Filter, Order
 from tests.acceptance import known
 from tests.browser.conftest import SCREENS
 

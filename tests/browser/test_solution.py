@@ -9,7 +9,7 @@ from service.missed_thrust.analysis_spec import analysis_spec, grid_of
 from service.missed_thrust.views import views_of
 from service.schemas.certificate_examples import EXAMPLES
 from service.spec import spec_from
-from service.store.filter import Filter
+from service.store.filters import Filter
 from tests.acceptance import known
 from tests.browser.conftest import SCREENS
 from tests.service.campaigns import finish

@@ -2,7 +2,7 @@
 
 from service.spec import spec_from
 from service.store import Store, StoreError
-from service.store.records import Filter
+from service.store.solutions import Filter
 from tests.workers.fake import run_fake
 from tests.workers.jobs import worker_info
 from workers.dispatcher import Dispatcher

@@ -18,7 +18,7 @@ from service.solutions.refine import refinement_spec
 from service.spec import spec_from
 from service.store import Store
 from service.store.archive_files import packed, pieces, take_in_file
-from service.store.records import Filter
+from service.store.solutions import Filter
 from tests.acceptance import known
 from tests.service.campaigns import dispatcher_on
 from tests.workers.jobs import worker_info

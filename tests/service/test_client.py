@@ -11,8 +11,8 @@ from service.app import create_app
 from service.client import ROUTES, Client, ClientError
 from service.coordinator import Coordinator
 from service.store import Store
-from service.store.records import Filter
 from service.store.seeds import SeedsWanted
+from service.store.solutions import Filter
 from tests.service.campaigns import finish, spec_fields, submitted
 from tests.workers.jobs import worker_info
 from workers.client import Api, HttpSource

@@ -22,8 +22,8 @@ from service.auth.request_limits import PATIENCE_S
 from service.auth.rights import RIGHTS, least, line_of, lines_of
 from service.cli import app_of
 from service.settings import Settings
-from service.store import pruning
-from service.store.gauges import Reading
+from service.store import leases
+from service.store.statistics import Reading
 
 DOCS = Path(__file__).parents[3] / "docs"
 API = (DOCS / "api.md").read_text(encoding="utf-8")
@@ -68,9 +68,9 @@ def test_the_limits_in_the_documents_are_those_of_the_service():
     workers = f"{allowed.worker_request_burst}\nand {allowed.worker_requests_per_second:.0f}"
     assert bucket in SECURITY and workers in SECURITY
     assert f"{allowed.streams_per_client} event streams" in SECURITY
-    kept = f"{pruning.AUDIT_ROWS:_} rows of the last {pruning.AUDIT_S / pruning.DAY_S:.0f} days"
+    kept = f"{leases.AUDIT_ROWS:_} rows of the last {leases.AUDIT_S / leases.DAY_S:.0f} days"
     assert kept.replace("_", " ") in SECURITY
-    assert f"newest {pruning.EVENT_ROWS:_} events".replace("_", " ") in API
+    assert f"newest {leases.EVENT_ROWS:_} events".replace("_", " ") in API
 
 
 def test_every_metric_is_documented():

@@ -11,7 +11,7 @@ from service.api import events
 from service.api.export import csv_lines
 from service.coordinator import Coordinator
 from service.store import Store
-from service.store.records import Filter
+from service.store.solutions import Filter
 from tests.service.by_hand import work_off
 from tests.service.campaigns import spec_fields, submitted
 

@@ -20,7 +20,7 @@ from service.dashboard.views import VIEWS
 from service.schemas.identity import Role
 from service.settings import Settings
 from service.store import Store
-from service.store.records import Filter
+from service.store.solutions import Filter
 from tests.service.campaigns import finish, spec_fields, submitted
 from tests.workers.jobs import worker_info
 

@@ -18,7 +18,7 @@ from service.benchmark.states_file import jumps
 from service.benchmark.vector_file import read_vector
 from service.benchmark.write import write_set
 from service.cli.options import console
-from service.store.archive import solution_hash
+from service.store.completion import solution_hash
 from workers.bench_seeds import Solution
 
 README = (FOLDER.parent / "README.md").read_text(encoding="utf-8")

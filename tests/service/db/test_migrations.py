@@ -12,7 +12,7 @@ from service.db.engine import Database, DatabaseError
 from service.db.place import differences, upgrade, version_of
 from service.db.tables import SCHEMA_VERSION, Base
 from service.store import Store
-from service.store.records import Filter
+from service.store.solutions import Filter
 from tests.service.databases import needs_postgres
 
 STORED = Path(__file__).parents[1] / "data"

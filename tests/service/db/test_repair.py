@@ -15,7 +15,7 @@ from service.db.backup import backup, restore
 from service.integrity.check import check
 from service.integrity.repair import repair
 from service.store import Store
-from service.store.filter import Filter
+from service.store.filters import Filter
 from tests.service.campaigns import finish, spec_fields, submitted
 from tests.service.databases import needs_postgres
 from tests.service.db.test_migrations import table_contents

@@ -15,7 +15,7 @@ from service.missed_thrust.views import views_of
 from service.spec import SpecError, spec_from
 from service.spec.spec_check import planned
 from service.store import Store
-from service.store.filter import Filter
+from service.store.filters import Filter
 from tests.acceptance import known
 from tests.service.campaigns import dispatcher_on, finish, submitted
 from tests.service.databases import needs_postgres

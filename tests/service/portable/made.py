@@ -9,7 +9,7 @@ from service.new_file import write_new
 from service.spec import spec_from
 from service.store import Store
 from service.store.archive_files import packed, pieces
-from service.store.filter import Filter
+from service.store.filters import Filter
 from tests.acceptance import known
 from tests.service.databases import rows
 from tests.service.store.test_certificates import EXAMPLE

@@ -14,14 +14,14 @@ from service.integrity.check import check
 from service.new_file import FileError
 from service.spec import spec_from
 from service.store.archive_files import take_in_file
-from service.store.filter import Filter
-from service.store.portable_rows import (
+from service.store.archive_io import (
     ATTEMPT_COLUMNS,
     CERTIFICATE_COLUMNS,
     JOB_COLUMNS,
     SOLUTION_COLUMNS,
     SOLVE_COLUMNS,
 )
+from service.store.filters import Filter
 from tests.acceptance import known
 from tests.service.campaigns import finish, spec_fields, submitted
 from tests.service.databases import needs_postgres, rows

@@ -17,7 +17,7 @@ from service.solutions.refine import (
 )
 from service.spec import SpecError, spec_from
 from service.store import Store
-from service.store.filter import Filter
+from service.store.filters import Filter
 from service.store.seeds import SeedsWanted
 from tests.acceptance.known import SPEC, run_known
 from tests.service.campaigns import finish, spec_fields, submitted

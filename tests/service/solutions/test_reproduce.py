@@ -9,7 +9,7 @@ from service.cli import app_of
 from service.cli import reproduce as cli_reproduce
 from service.solutions.reproduce import reproduce, verdict
 from service.store import Store
-from service.store.filter import Filter
+from service.store.filters import Filter
 from tests.acceptance.known import SPEC, VECTORS
 from tests.service.campaigns import dispatcher_on, finish, spec_fields, submitted
 from tests.workers.fake import PROVENANCE, run_fake

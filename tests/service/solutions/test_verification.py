@@ -20,7 +20,7 @@ from service.solutions import verification
 from service.solutions.verification import Asked, verify_solutions
 from service.spec import spec_from
 from service.store import Store
-from service.store.filter import Filter
+from service.store.filters import Filter
 from tests.acceptance.known import OUTAGE, SPEC, run_known
 from tests.service.campaigns import finish, spec_fields
 from workers.inline import Inline

@@ -5,10 +5,9 @@ import pytest
 from fastapi.testclient import TestClient
 
 from service.app import create_app
-from service.store import Store, points
-from service.store.filter import RANGES, Filter
-from service.store.page import Order
-from service.store.points import front
+from service.store import Store, scatter
+from service.store.filters import RANGES, Filter, Order
+from service.store.scatter import front
 from tests.service.campaigns import finish, spec_fields, submitted
 from tests.service.databases import needs_postgres
 from tests.workers.fake import run_fake
@@ -153,13 +152,13 @@ def test_a_filter_that_means_nothing_is_refused_by_its_name(client, wanted):
 
 
 def test_a_sample_keeps_extremes_front_and_some_of_every_search(store, found, monkeypatch):
-    monkeypatch.setattr(points, "OF_EACH_SEARCH", 1)
+    monkeypatch.setattr(scatter, "OF_EACH_SEARCH", 1)
     hold_sample_against(store, found)
 
 
 @needs_postgres
 def test_another_database_filters_and_draws_the_same(tmp_path, archives_on_postgres, monkeypatch):
-    monkeypatch.setattr(points, "OF_EACH_SEARCH", 1)
+    monkeypatch.setattr(scatter, "OF_EACH_SEARCH", 1)
     with Store(tmp_path) as store:
         found = filled(store)
         hold_sample_against(store, found)
@@ -177,7 +176,7 @@ def hold_sample_against(store, found):
     most = 30
     view = store.points(Filter(), most)
     assert view.n == len(found) > most == len(view.id)
-    for name in points.AXES:
+    for name in scatter.AXES:
         values = [getattr(record, name) for record in found]
         assert min(getattr(view, name)) == pytest.approx(min(values), abs=1e-3)  # rounded for pictures
         assert max(getattr(view, name)) == pytest.approx(max(values), abs=1e-3)

@@ -8,7 +8,7 @@ from sqlalchemy import func, select
 from service.db.tables import CertificateRow
 from service.schemas.certificate_examples import EXAMPLES
 from service.store import UnknownRow
-from service.store.filter import Filter
+from service.store.filters import Filter
 from tests.service.campaigns import finish, submitted
 from tests.service.databases import needs_postgres
 from workers.certificate import CertificateDocument

@@ -10,8 +10,8 @@ from sqlalchemy.dialects import sqlite
 from core.problem import load_problem, problem_from
 from service.dashboard import structure
 from service.dashboard.structure import structure_of
-from service.store import descent
-from service.store.filter import Filter
+from service.store import lineage
+from service.store.filters import Filter
 from tests.acceptance import known
 from tests.service.campaigns import finish, spec_fields, submitted
 from tests.service.databases import needs_postgres
@@ -62,7 +62,7 @@ def test_a_solution_that_seeded_nothing_has_no_children(client, finished):
 
 def test_children_are_found_by_the_whole_address_of_their_jobs(finished):
     values = {"searches": [2], "cases": [0], "seed": 32 * "0"}
-    text = str(descent._CHILDREN.params(**values).compile(dialect=sqlite.dialect(), compile_kwargs=LITERAL))
+    text = str(lineage._CHILDREN.params(**values).compile(dialect=sqlite.dialect(), compile_kwargs=LITERAL))
     archive = sqlite3.connect(finished.folder / "coastarc.db")
     plan = [row[3] for row in archive.execute(f"EXPLAIN QUERY PLAN {text}")]
     archive.close()

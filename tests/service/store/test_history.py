@@ -7,10 +7,9 @@ import pytest
 
 from service.coordinator.history_reader import read_history
 from service.spec import spec_from
-from service.store import Store, chronicles
-from service.store.bins import MOST_BINS, OutcomeBins
-from service.store.cards import sparkline
-from service.store.chronicle import Step
+from service.store import Store, campaign_history
+from service.store.campaign_history import MOST_BINS, OutcomeBins, Step
+from service.store.campaigns import sparkline
 from tests.service.campaigns import dispatcher_on, finish, spec_fields
 from tests.workers.fake import run_fake
 from workers.inline import Inline
@@ -56,8 +55,8 @@ def test_steps_only_improve_and_end_with_the_best_of_the_strategy(finished, clie
 
 def test_a_tally_read_in_pieces_is_that_read_at_once(finished, monkeypatch):
     whole = finished.campaign_history(1)
-    monkeypatch.setattr(chronicles, "_SOLVES", chronicles._SOLVES.limit(3))
-    monkeypatch.setattr(chronicles, "CHUNK", 3)
+    monkeypatch.setattr(campaign_history, "_SOLVES", campaign_history._SOLVES.limit(3))
+    monkeypatch.setattr(campaign_history, "CHUNK", 3)
     with Store(finished.folder, read_only=True) as again:
         assert again.campaign_history(1) == whole
 
@@ -74,9 +73,9 @@ def test_new_solves_are_added_to_those_that_are_known(store):
 
 
 def test_a_long_answer_stops_reading_and_says_how_far_it_is(finished, monkeypatch):
-    monkeypatch.setattr(chronicles, "_SOLVES", chronicles._SOLVES.limit(2))
-    monkeypatch.setattr(chronicles, "CHUNK", 2)
-    monkeypatch.setattr(chronicles, "PATIENCE_S", 0.0)
+    monkeypatch.setattr(campaign_history, "_SOLVES", campaign_history._SOLVES.limit(2))
+    monkeypatch.setattr(campaign_history, "CHUNK", 2)
+    monkeypatch.setattr(campaign_history, "PATIENCE_S", 0.0)
     with Store(finished.folder, read_only=True) as again:
         first = again.campaign_history(1)
         assert first.n_read == 2 < first.n_solves
@@ -103,18 +102,18 @@ def test_a_sparkline_holds_each_best_until_the_next():
 
 def test_a_coordinator_reads_the_whole_archive_before_anybody_asks(finished, monkeypatch):
     whole = finished.campaign_history(1)
-    monkeypatch.setattr(chronicles, "_SOLVES", chronicles._SOLVES.limit(2))
-    monkeypatch.setattr(chronicles, "CHUNK", 2)
-    monkeypatch.setattr(chronicles, "PATIENCE_S", 0.0)
+    monkeypatch.setattr(campaign_history, "_SOLVES", campaign_history._SOLVES.limit(2))
+    monkeypatch.setattr(campaign_history, "CHUNK", 2)
+    monkeypatch.setattr(campaign_history, "PATIENCE_S", 0.0)
     with Store(finished.folder, read_only=True) as again:
         read_history(again, threading.Event())
         assert again.campaign_history(1) == whole
 
 
 def test_reading_ahead_ends_when_it_is_told_to(finished, monkeypatch):
-    monkeypatch.setattr(chronicles, "_SOLVES", chronicles._SOLVES.limit(2))
-    monkeypatch.setattr(chronicles, "CHUNK", 2)
-    monkeypatch.setattr(chronicles, "PATIENCE_S", 0.0)
+    monkeypatch.setattr(campaign_history, "_SOLVES", campaign_history._SOLVES.limit(2))
+    monkeypatch.setattr(campaign_history, "CHUNK", 2)
+    monkeypatch.setattr(campaign_history, "PATIENCE_S", 0.0)
     stop = threading.Event()
     stop.set()
     with Store(finished.folder, read_only=True) as again:

@@ -10,7 +10,7 @@ from service.coordinator.planning import finish_planning
 from service.db.engine import Moment
 from service.db.tables import CaseRow, JobRow, ProblemRow, SearchRow
 from service.spec import spec_from
-from service.store import Store, submission
+from service.store import Store, planning
 from service.store.errors import KeyReused
 from tests.service.campaigns import spec_fields, submitted
 from tests.workers.jobs import worker_info
@@ -61,8 +61,8 @@ def rows_of(store):
 def at_once(tmp_path_factory, monkeypatch):
     """Return what one transaction for all of it stores."""
     with monkeypatch.context() as patch, Store(tmp_path_factory.mktemp("at-once")) as store:
-        patch.setattr(submission, "MOST_CASES_AT_ONCE", 10_000)
-        patch.setattr(submission, "MOST_SEARCHES_AT_ONCE", 10_000)
+        patch.setattr(planning, "MOST_CASES_AT_ONCE", 10_000)
+        patch.setattr(planning, "MOST_SEARCHES_AT_ONCE", 10_000)
         submitted(store, large_fields())
         return rows_of(store)
 

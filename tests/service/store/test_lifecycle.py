@@ -8,7 +8,7 @@ from service.db.transitions import TRANSITIONS, may_change, transition_triggers
 from service.scheduler.plan import Share, in_turn
 from service.spec import spec_from
 from service.store import Store, StoreError, UnknownRow
-from service.store.dispatch import Report
+from service.store.completion import Report
 from service.store.errors import KeyReused, WorkerRefused, WrongState
 from tests.service.campaigns import content, spec_fields, submitted
 from tests.service.clock import Clock

@@ -4,7 +4,7 @@ import pytest
 
 from service.coordinator.reaper import Reaper
 from service.schemas.identity import Role
-from service.store import Store, pruning
+from service.store import Store, leases
 from tests.service.campaigns import finish, submitted
 from tests.service.clock import Clock
 from tests.service.databases import needs_postgres
@@ -31,7 +31,7 @@ def paths(store):
 
 
 def test_of_the_audit_a_number_of_rows_stays_and_they_are_the_newest(clocked, monkeypatch):
-    monkeypatch.setattr(pruning, "AUDIT_ROWS", 3)
+    monkeypatch.setattr(leases, "AUDIT_ROWS", 3)
     audited(clocked, 9)
     assert clocked.prune() == 6 and clocked.prune() == 0
     assert paths(clocked) == ["/8", "/7", "/6"]
@@ -39,12 +39,12 @@ def test_of_the_audit_a_number_of_rows_stays_and_they_are_the_newest(clocked, mo
 
 def test_what_is_older_than_a_year_leaves_the_audit_but_never_all_of_it(clocked, clock):
     audited(clocked, 3)
-    clock.advance(300 * pruning.DAY_S)
+    clock.advance(300 * leases.DAY_S)
     audited(clocked, 2)
     assert clocked.prune() == 0
-    clock.advance(101 * pruning.DAY_S)
+    clock.advance(101 * leases.DAY_S)
     assert clocked.prune() == 3 and paths(clocked) == ["/1", "/0"]
-    clock.advance(999 * pruning.DAY_S)
+    clock.advance(999 * leases.DAY_S)
     # The last row stays, so that no id is given twice.
     assert clocked.prune() == 1 and paths(clocked) == ["/1"]
 
@@ -53,7 +53,7 @@ def test_a_token_is_forgotten_only_when_the_audit_no_longer_names_it(clocked, cl
     made = clocked.identities.create("ada", Role.ADMIN, 1.0)
     clocked.identities.record(clocked.identities.identify(made.token), "127.0.0.1", "POST", "/", 201)
     audited(clocked, 1)
-    clock.advance(401 * pruning.DAY_S)
+    clock.advance(401 * leases.DAY_S)
     clocked.identities.replace("ada", Role.ADMIN, 1.0)
     assert len(clocked.identities.tokens()) == 2
     clocked.prune()
@@ -66,15 +66,15 @@ def test_of_the_events_the_newest_stay_and_streams_go_on_from_any_id(store, monk
     submitted(store)
     finish(store)
     before = store.events(0, 1, 200)
-    monkeypatch.setattr(pruning, "EVENT_ROWS", 5)
+    monkeypatch.setattr(leases, "EVENT_ROWS", 5)
     assert store.prune() == len(before) - 5
     assert store.events(0, 1, 200) == store.events(before[2].id, 1, 200) == before[-5:]
     assert store.last_event_id(1) == before[-1].id and store.campaign(1).n_solutions
 
 
 def test_the_reaper_forgets_some_rows_at_a_time(clocked, clock, monkeypatch):
-    monkeypatch.setattr(pruning, "AUDIT_ROWS", 2)
-    monkeypatch.setattr(pruning, "STEP", 4)
+    monkeypatch.setattr(leases, "AUDIT_ROWS", 2)
+    monkeypatch.setattr(leases, "STEP", 4)
     audited(clocked, 12)
     reaper = Reaper(clocked, threading.Event(), clock)
     left = []

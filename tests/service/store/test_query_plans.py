@@ -9,7 +9,7 @@ from sqlalchemy import event
 from service.app import create_app
 from service.auth.network import Access
 from service.store import Store
-from service.store.filter import Filter
+from service.store.filters import Filter
 from tests.service.campaigns import finish, submitted
 
 ADDRESSES = (

@@ -9,7 +9,7 @@ import pytest
 import core
 from core.nlp import ExitStatus, Outcome, solve
 from core.nlp.judging import FINE_TOLERANCE
-from service.store.records import Filter
+from service.store.solutions import Filter
 from tests.service.campaigns import OUTAGE, finish, spec_fields, submitted
 from workers import run
 from workers.inline import Inline

@@ -8,7 +8,7 @@ from core.problem import problem_from
 from service.scheduler import plan
 from service.spec import spec_from
 from service.store import Store
-from service.store.records import Filter
+from service.store.solutions import Filter
 from service.validation import solution_hash
 from tests.service.campaigns import OUTAGE, content, finish, spec_fields, submitted
 from tests.service.clock import Clock

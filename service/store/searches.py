@@ -1,19 +1,120 @@
-"""The solves of a search, chain by chain: all, or whole chains drawn evenly from all."""
+"""One search: how it is set up and how far it is, quickly however many solves it has.
 
+Step sizes of a chain, told from what became of its hops.
+
+They are not stored: what `core.search.Chain` makes of its width follows from its moves alone.
+
+The solves of a search, chain by chain: all, or whole chains drawn evenly from all.
+"""
+
+import math
+from collections.abc import Iterable
 from itertools import groupby
-from typing import Any
+from typing import Any, cast
 
 from sqlalchemy import Select, case, func, literal_column, select
 from sqlalchemy.orm import Session, aliased
 
-from core.search import HopSettings
+from core.search.hopping import LEARNING_RATE, SUCCESS_SHARE, HopSettings
 from service.db.dialect import mixed
 from service.db.tables import JobRow, SearchRow, SolutionRow, SolveRow
-from service.schemas.search import HopColumns, HopsView, SeedOfSearch
+from service.scheduler import plan
+from service.schemas.answer import CampaignState
+from service.schemas.search import (
+    BudgetView,
+    HopColumns,
+    HopsView,
+    JobCounts,
+    LawsView,
+    SearchDetail,
+    SearchState,
+    SeedOfSearch,
+    SeedRules,
+)
 from service.spec.search_spec import SearchSpec
-from service.store.control import get_search_row
-from service.store.hop_widths import widths
-from service.store.specs import search_spec
+from service.store.cache import search_spec
+from service.store.campaigns import cases_of, get_search_row, numbers_of
+
+
+def get_search(session: Session, campaign_id: int, name: str) -> SearchDetail:
+    """Return a search of a campaign."""
+    campaign, row = get_search_row(session, campaign_id, name)
+    spec = search_spec(campaign, row)
+    (numbers,) = numbers_of(session, SearchRow.id == row.id)
+    levels, best = numbers.tallies.get("level", {}), numbers.best
+    return SearchDetail(
+        campaign_id=campaign.id,
+        campaign=campaign.name,
+        campaign_state=cast(CampaignState, campaign.state),
+        id=row.id,
+        name=row.name,
+        strategy=row.strategy,
+        state=cast(SearchState, row.state),
+        priority=row.priority,
+        weight=row.weight,
+        k=spec.k,
+        seed_k=spec.seed_k,
+        cases=cases_of(session, row, spec),
+        hops=spec.hops,
+        budget=BudgetView(guesses=spec.guesses, core_seconds=spec.core_seconds, solutions=spec.solutions),
+        laws=None if spec.seeds else _laws(spec),
+        seeds=_seed_rules(spec),
+        solve_cpu_seconds=spec.cpu_seconds,
+        max_iterations=spec.max_iterations,
+        jobs=JobCounts(**numbers.jobs),
+        n_guesses_planned=plan.n_planned(spec, row.n_planned),
+        n_solves=row.n_solves,
+        cpu_seconds=row.cpu_seconds,
+        n_paper=levels.get("paper", 0),
+        n_strict=levels.get("strict", 0),
+        best_solution_id=best.id if best else None,
+        best_delta_v_km_s=best.delta_v_km_s if best else None,
+    )
+
+
+def _laws(spec: SearchSpec) -> LawsView:
+    laws = HopSettings(**spec.laws.model_dump())
+    return LawsView(
+        guess_law=laws.guess_law,
+        hop_law=laws.hop_law,
+        width=laws.width,
+        shape=laws.shape,
+        adaptive=laws.adaptive,
+        width_range=laws.width_range if laws.adaptive else None,
+        time_hop_probability=laws.time_hop_probability,
+        max_failures=laws.max_failures,
+    )
+
+
+def _seed_rules(spec: SearchSpec) -> SeedRules | None:
+    if spec.seeds is None:
+        return None
+    return SeedRules(**spec.seeds.model_dump(), mapping=list(spec.mapping))
+
+
+def widths(settings: HopSettings, told: Iterable[tuple[str | None, float | None]]) -> list[float | None]:
+    """Return the width of each solve of a chain, from its first on; None where its guess was drawn afresh.
+
+    Each is told by its move and by its violation, which is None where it was not finite.
+    """
+    found: list[float | None] = []
+    width, is_hopping = settings.width, False
+    for move, violation in told:
+        found.append(width if is_hopping else None)
+        if settings.adaptive and is_hopping:
+            width = _learned(settings, width, move == "accepted")
+        if move == "accepted":
+            is_hopping = violation is not None
+        elif move == "restarted":
+            width, is_hopping = settings.width, False
+    return found
+
+
+def _learned(settings: HopSettings, width: float, has_won: bool) -> float:
+    """Return the next width, docs/method.md eq. S14."""
+    low, high = settings.width_range
+    return min(max(width * math.exp(LEARNING_RATE * (has_won - SUCCESS_SHARE)), low), high)
+
 
 #: Columns that an answer takes over as they are.
 FROM_SOLVE = ("id", "hop", "move", "ending", "status", "objective_kg", "violation", "n_iterations")

@@ -1,15 +1,27 @@
-"""Which solutions are asked for, as conditions of a query."""
+"""Which solutions are asked for, as conditions of a query.
+
+Rows by what users call them.
+
+One page of a list of solutions: in which order, and from where on.
+
+A page hangs on the values of the last item of the one before, so what arrives meanwhile neither repeats nor
+hides anything.
+
+What a filter of solutions can be set to, from the few rows that name it.
+"""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
-from sqlalchemy import ColumnElement, ScalarSelect, exists, func, select
+from sqlalchemy import ColumnElement, ScalarSelect, and_, exists, func, or_, select
 from sqlalchemy.orm import Session, aliased
 
 from core.problem import validation_message
-from service.db.tables import ProblemRow, SearchRow, SolutionRow, SolveRow
-from service.store.errors import StoreError
+from service.db.tables import CampaignRow, CaseRow, ProblemRow, SearchRow, SolutionRow, SolveRow
+from service.schemas.solution import CampaignChoice, ChoicesView
+from service.store.errors import StoreError, UnknownRow
 
 Tolerance = Literal["strict", "paper", "all"]
 _Id = Annotated[int, Field(ge=1, lt=2**63)]
@@ -174,4 +186,138 @@ def _survives(outages: list[dict[str, Any]], wanted: Filter) -> bool:
         wanted.segment in (None, outage["segment"])
         and (days is None or abs(outage["duration_days"] - days) <= SAME_DURATION)
         for outage in outages
+    )
+
+
+def find_campaign(session: Session, name_or_id: str) -> int:
+    """Return the campaign of an id, or the newest of a name."""
+    found = None
+    if name_or_id.isdecimal() and len(name_or_id) < 19:
+        found = session.scalar(select(CampaignRow.id).where(CampaignRow.id == int(name_or_id)))
+    if found is None:
+        # A campaign may be called "7".
+        found = session.scalar(select(func.max(CampaignRow.id)).where(CampaignRow.name == name_or_id))
+    if found is None:
+        raise UnknownRow("campaign", name_or_id, "none with this id or name; see `coastarc status`")
+    return found
+
+
+def campaign_state(session: Session, campaign_id: int) -> str:
+    """Return the state of a campaign."""
+    state = session.scalar(select(CampaignRow.state).where(CampaignRow.id == campaign_id))
+    if state is None:
+        raise UnknownRow("campaign", campaign_id)
+    return state
+
+
+Sort = Literal[
+    "objective_kg",
+    "delta_v_km_s",
+    "time_of_flight_days",
+    "propellant_kg",
+    "cpu_seconds",
+    "k",
+    "created_at",
+]
+#: Those of which the greatest are the most wanted.
+DESCENDING: frozenset[Sort] = frozenset({"objective_kg", "created_at"})
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """By what solutions are sorted; equal ones by their ids."""
+
+    sort: Sort = "objective_kg"
+    #: None is the way round that has the most wanted first.
+    descending: bool | None = None
+
+    @property
+    def is_descending(self) -> bool:
+        """Return which way round it is."""
+        return self.sort in DESCENDING if self.descending is None else self.descending
+
+
+@dataclass(frozen=True, slots=True)
+class Begin:
+    """Where a page begins: after the mark of another one, or at a value."""
+
+    after: str | None = None
+    value: float | None = None
+
+
+def ids_of_page(
+    session: Session, wanted: Filter, order: Order, begin: Begin, limit: int | None
+) -> tuple[list[str], str | None]:
+    """Return the ids on a page, and the mark after which the next one begins."""
+    asked = Wanted(session, wanted)
+    column = _column(asked, order.sort)
+    query = select(SolutionRow.id, column).select_from(SolutionRow).where(*asked.conditions())
+    if order.sort == "k":
+        query = query.join(ProblemRow, ProblemRow.hash == SolutionRow.problem_hash)
+    query = query.where(*_beginning(column, order, begin))
+    sorted_by = column.desc() if order.is_descending else column
+    most = None if limit is None else limit + 1
+    rows = session.execute(query.order_by(sorted_by, SolutionRow.id).limit(most)).all()
+    has_more = limit is not None and len(rows) > limit
+    return [row[0] for row in rows[:limit]], _mark(rows, limit) if has_more else None
+
+
+def _column(asked: Wanted, sort: Sort) -> Any:
+    if sort == "cpu_seconds":
+        return asked.first_cpu_seconds()
+    return ProblemRow.k if sort == "k" else getattr(SolutionRow, sort)
+
+
+def _beginning(column: Any, order: Order, begin: Begin) -> list[ColumnElement[bool]]:
+    found = []
+    if begin.value is not None:
+        found.append(column <= begin.value if order.is_descending else column >= begin.value)
+    if begin.after is not None:
+        value, key = _read_mark(begin.after)
+        is_further = column < value if order.is_descending else column > value
+        found.append(or_(is_further, and_(column == value, SolutionRow.id > key)))
+    return found
+
+
+def _mark(rows: Sequence[Any], limit: int | None) -> str:
+    assert limit is not None
+    last = rows[limit - 1]
+    # Hexadecimal keeps every bit of the float, which the next page's comparison needs.
+    return f"{float(last[1]).hex()}_{last[0]}"
+
+
+def _read_mark(text: str) -> tuple[float, str]:
+    number, _, key = text.partition("_")
+    try:
+        return float.fromhex(number), key
+    except (ValueError, OverflowError) as error:
+        raise StoreError(f"after: expected the `next` of a page, got {text!r}") from error
+
+
+#: Campaigns that are listed, the newest.
+CAMPAIGNS = 200
+
+
+def list_choices(session: Session, campaign: int | None) -> ChoicesView:
+    """Return the names of campaigns, and what there is in one of them or in all."""
+    newest = select(CampaignRow.id, CampaignRow.name).order_by(CampaignRow.id.desc()).limit(CAMPAIGNS)
+    searches = select(SearchRow.name, SearchRow.strategy).distinct()
+    problems = select(ProblemRow.k, ProblemRow.definition)
+    if campaign is not None:
+        searches = searches.where(SearchRow.campaign_id == campaign)
+        cases = (
+            select(CaseRow.problem_hash)
+            .join(SearchRow, SearchRow.id == CaseRow.search_id)
+            .where(SearchRow.campaign_id == campaign)
+        )
+        problems = problems.where(ProblemRow.hash.in_(cases))
+    named, found = session.execute(searches).all(), session.execute(problems).all()
+    outages = [outage for _, definition in found for outage in definition["outages"]]
+    return ChoicesView(
+        campaigns=[CampaignChoice(id=key, name=name) for key, name in session.execute(newest)],
+        searches=sorted({name for name, _ in named}),
+        strategies=sorted({strategy for _, strategy in named}),
+        k=sorted({k for k, _ in found}),
+        segments=sorted({outage["segment"] for outage in outages}),
+        durations_days=sorted({outage["duration_days"] for outage in outages}),
     )

@@ -1,14 +1,26 @@
-"""Solutions as records: found by whom, from which seed, and certified how."""
+"""Solutions as records: found by whom, from which seed, and certified how.
 
+Certificates of solutions: stored, found again, and shown.
+
+The missed-thrust analyses of a solution, read from the campaigns that made them.
+"""
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
 import numpy as np
-from sqlalchemy import select
+from numpy.typing import NDArray
+from sqlalchemy import not_, or_, select
 from sqlalchemy.orm import Session
 
+from core.analysis.facts import CampaignFacts
+from core.problem import Problem, problem_from
+from service.db.engine import Database
 from service.db.tables import (
     AttemptRow,
     CampaignRow,
+    CertificateRow,
     JobRow,
     ProblemRow,
     ProvenanceRow,
@@ -17,6 +29,7 @@ from service.db.tables import (
     SolutionRow,
     SolveRow,
 )
+from service.missed_thrust.analysis_spec import analysis_name
 from service.schemas.problem import OutageView
 from service.schemas.solution import (
     Lineage,
@@ -27,10 +40,120 @@ from service.schemas.solution import (
     RecordPage,
     RecordWithVector,
 )
-from service.store.certificates import latest_row
+from service.spec.search_spec import SearchSpec
+from service.store.cache import spec_of
 from service.store.errors import StoreError, UnknownRow
-from service.store.filter import Filter, Wanted
-from service.store.page import Begin, Order, ids_of_page
+from service.store.filters import Begin, Filter, Order, Wanted, ids_of_page
+from service.store.statistics import campaign_facts
+from workers.certificate import CertificateContent, CertificateDocument
+
+#: The basis of a certificate that was taken in from another installation, until it is found again here.
+ELSEWHERE = ""
+
+
+class Subject(NamedTuple):
+    """A solution that is to be certified."""
+
+    id: str
+    definition: dict[str, Any]
+    x: NDArray[np.float64]
+    #: What it was verified at when it was stored.
+    level: str
+
+
+class Certificates:
+    """The certificates of an archive; every call is one transaction."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def add(self, document: CertificateDocument, basis: str) -> bool:
+        """Store a certificate, or that the same one was found again; return whether it is new."""
+        return self._database.write(lambda session: _add(session, document, basis))
+
+    def latest(self, solution_id: str) -> CertificateDocument | None:
+        """Return the certificate of a solution that was found last, or None where it has none."""
+        with self._database.read() as session:
+            return _latest(session, solution_id)
+
+    def ids(self, wanted: Filter) -> list[str]:
+        """Return the solutions that a filter leaves to be certified, the most final mass first."""
+        with self._database.read() as session:
+            return ids_of_page(session, wanted, Order(), Begin(), None)[0]
+
+    def subject(self, solution_id: str) -> Subject:
+        """Return what is certified about a solution."""
+        with self._database.read() as session:
+            return _subject(session, solution_id)
+
+    def sound_on(self, basis: str) -> set[str]:
+        """Return the solutions found sound, and no worse than archived, on a basis."""
+        is_no_worse = or_(CertificateRow.level == "strict", not_(SolutionRow.strict))
+        found = (
+            select(CertificateRow.solution_id)
+            .join(SolutionRow, SolutionRow.id == CertificateRow.solution_id)
+            .where(CertificateRow.basis == basis, CertificateRow.is_sound, is_no_worse)
+        )
+        with self._database.read() as session:
+            return set(session.scalars(found))
+
+
+def _subject(session: Session, solution_id: str) -> Subject:
+    row = _solution(session, solution_id)
+    level = "strict" if row.strict else "paper" if row.paper else "none"
+    return Subject(row.id, session.get_one(ProblemRow, row.problem_hash).definition, row.x, level)
+
+
+def _add(session: Session, document: CertificateDocument, basis: str) -> bool:
+    content = document.content
+    known = session.get(CertificateRow, (content.solution_id, document.hash))
+    if known is not None:
+        known.basis, known.checked_at = basis, document.checked_at.timestamp()
+        return False
+    row = CertificateRow(
+        solution_id=content.solution_id,
+        hash=document.hash,
+        basis=basis,
+        level=content.level,
+        is_sound=content.is_sound,
+        content=content.model_dump(mode="json"),
+        made_on=document.made_on,
+        made_at=document.made_at.timestamp(),
+        cpu_seconds=document.cpu_seconds,
+        checked_at=document.checked_at.timestamp(),
+    )
+    session.add(row)
+    return True
+
+
+def latest_row(session: Session, solution_id: str) -> CertificateRow | None:
+    """Return the certificate of a solution that was found last."""
+    own = select(CertificateRow).where(CertificateRow.solution_id == solution_id)
+    return session.scalar(own.order_by(CertificateRow.checked_at.desc(), CertificateRow.hash).limit(1))
+
+
+def _latest(session: Session, solution_id: str) -> CertificateDocument | None:
+    _solution(session, solution_id)
+    row = latest_row(session, solution_id)
+    if row is None:
+        return None
+    return CertificateDocument(
+        content=CertificateContent.model_validate(row.content),
+        hash=row.hash,
+        made_at=datetime.fromtimestamp(row.made_at, UTC),
+        made_on=row.made_on,
+        cpu_seconds=row.cpu_seconds,
+        checked_at=datetime.fromtimestamp(row.checked_at, UTC),
+        is_from_elsewhere=row.basis == ELSEWHERE,
+    )
+
+
+def _solution(session: Session, solution_id: str) -> SolutionRow:
+    row = session.get(SolutionRow, solution_id)
+    if row is None:
+        raise UnknownRow("solution", solution_id)
+    return row
+
 
 #: Columns that a record shows under their own name.
 FROM_SOLUTION = (
@@ -210,3 +333,34 @@ def _found_again(verification: dict[str, Any]) -> dict[str, Any]:
     named = {"earth_altitude_km": altitudes.get("Earth"), "moon_altitude_km": altitudes.get("Moon")}
     numbers = {name: value if isinstance(value, float | int) else None for name, value in named.items()}
     return numbers | {"is_marginal": is_marginal if isinstance(is_marginal, bool) else None}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Analysed:
+    """A solution and what its analysis has found so far."""
+
+    solution_id: str
+    problem: Problem
+    x: NDArray[np.float64]
+    facts: CampaignFacts
+
+
+def find_analyses(
+    session: Session, solution_id: str, campaign_id: int | None = None, limit: int = 1
+) -> list[Analysed]:
+    """Return the newest analyses of a solution, or that of one campaign."""
+    definition, x = definition_and_vector(session, solution_id)
+    named = select(CampaignRow).where(CampaignRow.name == analysis_name(solution_id))
+    if campaign_id is not None:
+        named = named.where(CampaignRow.id == campaign_id)
+    found = [
+        Analysed(solution_id, problem_from(definition), x, campaign_facts(session, campaign.id))
+        for campaign in session.scalars(named.order_by(CampaignRow.id.desc()).limit(limit))
+        if _is_of(spec_of(campaign).search[0], solution_id)
+    ]
+    return [one for one in found if one.facts.solves]
+
+
+def _is_of(search: SearchSpec, solution_id: str) -> bool:
+    """Return whether a search analyses a solution: anybody may give a campaign such a name."""
+    return search.reference == "frozen" and search.seeds is not None and search.seeds.solution == solution_id

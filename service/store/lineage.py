@@ -17,7 +17,7 @@ from service.db.tables import (
     SolveRow,
 )
 from service.schemas.solution import Child, LineageGraph, Reproduction
-from service.store import records
+from service.store import solutions
 from service.store.claims import Turn, message_of, seeds_of
 from service.store.errors import UnknownRow
 from workers.job import HopJob
@@ -89,7 +89,7 @@ FROM_PROVENANCE = ("code_version", "python_version", "package_versions", "kernel
 
 def graph(session: Session, solution_id: str, most: int) -> LineageGraph:
     """Return the seeds behind a solution and so many of the solutions that it seeded, the best first."""
-    known = records.lineage(session, solution_id)
+    known = solutions.lineage(session, solution_id)
     fed = session.execute(_FED, {"seed": solution_id}).all()
     searches, cases = ({row[i] for row in fed} for i in (0, 1))
     asked = {"seed": solution_id, "searches": sorted(searches), "cases": sorted(cases)}
