@@ -7,12 +7,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from core.analysis.verify import Verification, verify
     from core.nlp import ExitStatus, Outcome, SolveSettings, solve
     from core.orbits import target_kernel
     from core.problem import Problem, ProblemError, load_problem, problem_from
     from core.search import map_seed, sample_guess, solve_recovery, solve_seed
     from core.transcription import Guess, Transcription, transcribe
+    from core.verification.verify import Verification, verify
 
 __all__ = [
     "ExitStatus",
@@ -35,7 +35,7 @@ __all__ = [
     "verify",
 ]
 
-_MODULES = ("problem", "orbits", "transcription", "nlp", "search", "analysis.verify")
+_MODULES = ("problem", "orbits", "transcription", "nlp", "search", "verification.verify")
 
 
 def __getattr__(name: str) -> Any:

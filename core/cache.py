@@ -15,7 +15,7 @@ from pathlib import Path
 
 from platformdirs import user_cache_path
 
-from core.faults import UserError
+from core.errors import UserError
 
 _REMEDY = "make it writable, or set XDG_CACHE_HOME to a folder that is"
 

@@ -27,7 +27,7 @@ from core.constants import (
     KERNEL_SPAN,
     SECONDS_PER_DAY,
 )
-from core.faults import UserError, fault_lines
+from core.errors import UserError, fault_lines
 from core.plain_data import read_table_file, read_toml
 from core.ranges import slips
 

@@ -13,11 +13,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from core.analysis.flight import Flight, FlownTrajectory, fly, to_rotating
-from core.analysis.reflight import MOON, Pilot
 from core.constants import G0, SECONDS_PER_DAY
 from core.ephemeris import furnish
 from core.orbits import departure_state, target_kernel
 from core.problem import Problem, load_problem
+from core.verification.repropagation import MOON, Pilot
 from service.schemas.solution import RecordWithVector
 from service.store import Store
 from service.store.filters import filter_of

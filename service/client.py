@@ -17,7 +17,7 @@ from urllib.parse import quote
 import httpx
 from pydantic import BaseModel, ValidationError
 
-from core.faults import UserError
+from core.errors import UserError
 from service.auth.network import MAX_PORTABLE_BYTES
 from service.schemas.campaign import CampaignCards, CampaignItem, CampaignView, TakenInView
 from service.schemas.job import EventPage, EventView, JobPage, JobView, WorkerPage

@@ -24,8 +24,8 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 
+from core.errors import fault_lines
 from core.export import ExportError
-from core.faults import fault_lines
 from core.problem import ProblemError
 from service.archive_format.container import PortableConflict, PortableError
 from service.db.errors import Unavailable, WriteFault

@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
-from core.faults import UserError
+from core.errors import UserError
 
 
 class FileError(UserError, RuntimeError):

@@ -14,8 +14,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, SecretStr, ValidationError
 
-from core.faults import UserError, fault_lines
-from core.text import read_text
+from core.errors import UserError, fault_lines
+from core.plain_data import read_text
 
 PREFIX = "COASTARC_"
 _LISTS = ("hosts", "proxies")

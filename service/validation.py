@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.analysis.metrics import total_delta_v_km_s, transfer_delta_v_km_s
-from core.analysis.verify import BOUND_SLACK, holds
 from core.constants import SECONDS_PER_DAY
 from core.nlp import ExitStatus, SolveSettings
 from core.orbits import departure_state
@@ -30,6 +29,7 @@ from core.problem import Problem, seconds_past_j2000
 from core.search import HopAddress
 from core.tolerances import PAPER, STRICT, violation
 from core.transcription import Layout, checked_vector, layout_of
+from core.verification.verify import BOUND_SLACK, holds
 from workers.job import KIND_NUMBERS, RESULTS, Ending, JobOutcome, Settings, SolveRecord, wall_limit_of
 
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from core.analysis.distinct import DISTINCT, clusters, distance, feature_rows
+from core.analysis.similarity import DISTINCT, clusters, distance, feature_rows
+from core.plain_data import read_text
 from core.problem import Problem, problem_from
-from core.text import read_text
 from core.transcription import checked_vector, layout_of
 
 __all__ = [

@@ -1,6 +1,6 @@
 """Makes certificates: flies a solution again and writes down what it found, and with what.
 
-Here alone the numbers of `core.analysis.certificate` meet a clock and the versions of packages.
+Here alone the numbers of `core.verification.certificate` meet a clock and the versions of packages.
 """
 
 import platform
@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core import constants
-from core.analysis.approaches import Approach
-from core.analysis.certificate import Certification, FlownAgain, certify, lowest_passages
-from core.analysis.reflight import ATOL
-from core.analysis.through import apart
 from core.export import trajectory_name
 from core.problem import Problem, calendar_epoch, content_hash
+from core.verification.certificate import Certification, FlownAgain, certify, lowest_passages
+from core.verification.closest_approach import Approach
+from core.verification.end_to_end import apart
+from core.verification.repropagation import ATOL
 from workers.certificate import (
     CERTIFICATE_VERSION,
     CertificateContent,

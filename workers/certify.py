@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.analysis.approaches import Approach
 from core.analysis.metrics import total_delta_v_km_s, transfer_delta_v_km_s
-from core.analysis.verify import Verification
 from core.constants import SECONDS_PER_DAY
 from core.orbits import departure_state
 from core.problem import Problem, calendar_epoch
 from core.transcription import layout_of
+from core.verification.closest_approach import Approach
+from core.verification.verify import Verification
 from workers.job import Certificate, Trajectory
 
 

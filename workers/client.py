@@ -16,7 +16,7 @@ from typing import Any, NoReturn, Self, TypeVar
 import httpx
 from pydantic import BaseModel, ValidationError
 
-from core.faults import UserError
+from core.errors import UserError
 from workers.job import (
     ClaimAnswer,
     ClaimRequest,

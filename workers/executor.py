@@ -8,7 +8,7 @@ An executor may forget all it holds at any time; the coordinator's database is t
 
 from typing import NamedTuple, Protocol
 
-from core.faults import UserError
+from core.errors import UserError
 from workers.job import ChainPart, Job, JobOutcome
 
 #: Time that an attempt has to stop by itself after it was asked, before it is killed [s].

@@ -10,7 +10,7 @@ StaleAttempt            the attempt no longer holds the job; the report changes 
 
 from typing import Protocol
 
-from core.faults import UserError
+from core.errors import UserError
 from workers.job import (
     ClaimAnswer,
     ClaimRequest,

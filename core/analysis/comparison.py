@@ -13,9 +13,17 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from core.analysis.facts import Level, SolveFacts
+from core.analysis.campaign_statistics import (
+    BY_STRATEGY,
+    Findings,
+    Level,
+    SolveFacts,
+    case_name,
+    grouped,
+    shared,
+    solutions,
+)
 from core.analysis.metrics import Ratio, Spread, feasibility_ratio, spread
-from core.analysis.study import BY_STRATEGY, Findings, case_name, grouped, shared, solutions
 from core.tolerances import STRICT
 
 #: A change of propellant that the verifier cannot tell from none [kg].  Where a realization costs nothing, a

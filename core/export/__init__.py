@@ -5,8 +5,15 @@
 
 from core.export.oem import oem_lines
 from core.export.spk import write_spk
-from core.export.states import ExportedArc, ExportedTrajectory, ExportError, export_states, trajectory_name
-from core.export.table import csv_lines, ndjson_lines
+from core.export.states import (
+    ExportedArc,
+    ExportedTrajectory,
+    ExportError,
+    csv_lines,
+    export_states,
+    ndjson_lines,
+    trajectory_name,
+)
 
 __all__ = [
     "ExportError",

@@ -7,8 +7,7 @@ no place, stand in the comments of each segment.
 
 from collections.abc import Iterator, Sequence
 
-from core.export.epochs import tdb_texts
-from core.export.states import ExportedArc, ExportedTrajectory
+from core.export.states import ExportedArc, ExportedTrajectory, tdb_texts
 
 #: Kept short, since the standard ends lines at 254 characters.
 _LONGEST = 240

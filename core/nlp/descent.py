@@ -4,19 +4,245 @@ A step minimizes the cost's quadratic model, with damping, on the linearized def
 allowed); its Hessian is diagonal up to one direction per segment, so a step costs one small Cholesky
 factorization.  Corrections for the curvature of the defects reuse the factor: without them
 the steps creep along curved valleys, the more so near the Moon.
+
+The lifted problem with throttle vectors for controls: what the descent moves, and how far it may move.
+
+z is canonical.  A throttle vector has no singular direction where a segment coasts, and its length may pass
+1 on the way to a solution.
+
+What the descent minimizes beside the defects: a function of the throttles, and of the shooting time.
+
+The phases of a solve by descent: reach the target, respect the thrust limit, save propellant.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from core.nlp.cost import Cost
-from core.nlp.limits import Limits
-from core.nlp.thrust_vectors import ThrustVectors
+from core.nlp.outcome import Limits
+from core.transcription import STATE, Guess, TrajectoryLayout, Transcription, control_of, throttle_of
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+# Lengths by which a step is measured [LU, VU, MU, TU], measured: nodes that move ten times as far are lost.
+_NODE_POSITION, _NODE_VELOCITY, _MASS, _TIME = 0.03, 0.1, 0.1, 0.1
+# Kept between a time and its bound, so that rounding does not pass it [TU].
+_MARGIN = 1e-6
+_LEAST_MASS = 1e-3
+
+
+class ThrustVectors:
+    """Indices, scales and evaluations of one transcription's problem in z.
+
+    Parameters
+    ----------
+    transcription : Transcription
+        The problem.
+    is_reference_fixed : bool
+        Whether only the realizations may move, and only their defects count.
+    """
+
+    def __init__(self, transcription: Transcription, is_reference_fixed: bool = False) -> None:
+        self.transcription = transcription
+        structure, layout = transcription.vectors, transcription.layout
+        self.n_segments = layout.reference.n_segments
+        trajectories = layout.trajectories
+        #: (n_controls, 3) places of the throttle vectors, the reference's first; (3 (k + 1),) of the times.
+        self.controls: Indices = np.concatenate(
+            [np.arange(t.controls.start, t.controls.stop) for t in trajectories]
+        ).reshape(-1, 3)
+        self.times: Indices = np.concatenate([np.arange(t.offset, t.offset + 3) for t in trajectories])
+        #: (n_others,) places of all that is no control.
+        self.others: Indices = np.setdiff1d(np.arange(structure.n_variables), self.controls.ravel())
+        #: (k + 1,) trajectories that may move.
+        self.is_free = [not is_reference_fixed] + (len(trajectories) - 1) * [True]
+        free = self._free()
+        #: (n_controls,) and (n_others,) what may move.
+        self.free_controls: Mask = free[self.controls[:, 0]]
+        self.free_others: Mask = free[self.others]
+        #: (n_variables,) lengths by which steps are measured.
+        self.scale = node_scales(transcription)
+        touched = np.zeros(STATE * len(structure.plan.block_plus), dtype=bool)
+        touched[structure.rows[free[structure.columns]]] = True
+        #: (n_defects,) rows of the defects that what may move acts on.
+        self.rows: Indices = np.flatnonzero(touched)
+        self.n_defects = len(self.rows)
+        # That of the reference is left to the phase that saves propellant, which realizations do not have.
+        masses = np.array([t.final_mass for t in trajectories[1:]], dtype=np.int64)
+        lower, upper = (side / transcription.scale for side in transcription.bounds)
+        lower[self.times] += _MARGIN
+        upper[self.times] -= _MARGIN
+        # What is flown from the departure has no more mass than that.
+        upper[masses] = np.inf
+        bounded = np.sort(np.concatenate([self.times, masses]))
+        #: Places of the times [TU] and of realizations' final masses [MU] that may move, and how far.
+        self.bounded: Indices = bounded[free[bounded]]
+        self.lowest, self.highest = lower[self.bounded], upper[self.bounded]
+        #: Which of these are shooting times.
+        self.is_shooting: Mask = np.isin(self.bounded, [t.shooting_time for t in trajectories])
+        #: Bounds of the throttles [-].
+        self.least, self.most = transcription.problem.bounds.throttle
+        setting = transcription.setting
+        #: Mass flow at full throttle [MU/TU].
+        self.flow = setting.model.max_thrust / setting.model.exhaust_velocity
+
+    def start(self, guess: Array | Guess) -> Array:
+        """Return z of a guess; where it has no states, final masses are what its throttles leave."""
+        z = self.transcription.lift(guess)
+        z[self.controls] = throttle_of(z[self.controls])
+        states = guess.states if isinstance(guess, Guess) else None
+        for index in range(len(self.transcription.layout.trajectories)):
+            if self.is_free[index] and (states is None or states[index] is None):
+                self._balance_mass(z, index)
+        self.transcription.fill_nodes(self.transcription.vectors, z)
+        return z
+
+    def lengthened(self, start: Array) -> Array:
+        """Return a start with shooting times halfway to their latest, flown afresh with its controls."""
+        z = start.copy()
+        places = self.bounded[self.is_shooting]
+        z[places] += 0.5 * (self.highest[self.is_shooting] - z[places])
+        for index in np.flatnonzero(self.is_free):
+            self._balance_mass(z, int(index))
+        self.transcription.fill_nodes(self.transcription.vectors, z)
+        return z
+
+    def decision(self, z: Array) -> Array:
+        """Return x of z [days, rad, kg], inside its box."""
+        x = z[: self.transcription.n_variables].copy()
+        x[self.controls] = control_of(z[self.controls])
+        lower, upper = self.transcription.bounds
+        return np.clip(x * self.transcription.scale, lower, upper)
+
+    def defects(self, z: Array) -> Array:
+        """Return the canonical defects (n_defects,), NaN where z cannot be flown."""
+        return self.transcription.evaluate(self.transcription.vectors, z, with_partials=False)[0][self.rows]
+
+    def linearize(self, z: Array) -> tuple[Array, Array]:
+        """Return the defects and their dense Jacobian (n_defects, n_variables)."""
+        structure = self.transcription.vectors
+        defects, values = self.transcription.evaluate(structure, z, with_partials=True)
+        jacobian = np.zeros((len(defects), len(z)))
+        jacobian[structure.rows, structure.columns] = values
+        return defects[self.rows], jacobian[self.rows]
+
+    def throttles(self, z: Array) -> Array:
+        """Return the lengths (n_controls,) of the throttle vectors."""
+        return np.asarray(np.sqrt((z[self.controls] ** 2).sum(axis=1)))
+
+    def inside(self, z: Array) -> Array:
+        """Return z with what is bounded in its bounds; lengths of throttle vectors are the cost's affair."""
+        z[self.bounded] = np.clip(z[self.bounded], self.lowest, self.highest)
+        return z
+
+    def _free(self) -> Mask:
+        structure = self.transcription.vectors
+        free = np.ones(structure.n_variables, dtype=bool)
+        for index, trajectory in enumerate(self.transcription.layout.trajectories):
+            free[trajectory.offset : trajectory.stop] = self.is_free[index]
+        for (index, _), place in structure.nodes.items():
+            free[place : place + STATE] = self.is_free[index]
+        free[self.transcription.idle_coasts] = False
+        return free
+
+    def _balance_mass(self, z: Array, index: int) -> None:
+        """Set a final mass to what the throttles leave, and forget the nodes; first put the times inside."""
+        self.inside(z)
+        transcription = self.transcription
+        trajectory, reference = transcription.layout.trajectories[index], transcription.layout.reference
+        mass = float(transcription.setting.departure[6])
+        if trajectory.outage is not None:
+            mass -= self._spent(z, reference, trajectory.outage.segment - 1)
+        mass -= self._spent(z, trajectory, trajectory.n_segments)
+        z[trajectory.final_mass] = max(mass, _LEAST_MASS)
+        for (of, _), place in transcription.vectors.nodes.items():
+            if of == index:
+                z[place : place + STATE] = np.nan
+
+    def _spent(self, z: Array, trajectory: TrajectoryLayout, n_segments: int) -> float:
+        """Return the mass that a trajectory's first segments burn [MU]."""
+        vectors = z[trajectory.controls].reshape(-1, 3)[:n_segments]
+        share = z[trajectory.shooting_time] / trajectory.n_segments
+        return float(self.flow * share * np.sqrt((vectors**2).sum(axis=1)).sum())
+
+
+def node_scales(transcription: Transcription) -> Array:
+    """Return the lengths (n_variables,) by which steps of a lifted vector are measured; controls have 1."""
+    structure, layout = transcription.lifted, transcription.layout
+    scale = np.ones(structure.n_variables)
+    for trajectory in layout.trajectories:
+        scale[trajectory.offset : trajectory.offset + 3] = _TIME
+        scale[trajectory.final_mass] = _MASS
+    for place in structure.nodes.values():
+        scale[place : place + STATE] = [_NODE_POSITION] * 3 + [_NODE_VELOCITY] * 3 + [_MASS]
+    return scale
+
+
+#: Unit of the propellant in the cost [MU]: 100 kg, so that costs are of order 1.
+_UNIT = 1.0 / 150.0
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """Energy or propellant, and a penalty on throttles beyond a limit; all smooth where segments coast."""
+
+    #: Weight of the mean squared throttle of all controls, halved.
+    energy: float = 0.0
+    #: Whether the reference's propellant counts, and the throttle below which its kink is rounded.
+    has_propellant: bool = False
+    rounding: float = 0.1
+    #: Weight of the squared excess over the limit, halved, in the mean over the reference's segments.
+    penalty: float = 0.0
+    #: Share of the throttle's upper bound that is the limit.
+    limit: float = 0.97
+
+    def value(self, form: ThrustVectors, z: Array) -> float:
+        """Return the cost at z."""
+        a, n = form.throttles(z), form.n_segments
+        excess = self._excess(form, a)
+        total = 0.5 * (self.energy * (a @ a) + self.penalty * (excess @ excess)) / n
+        if self.has_propellant:
+            total += self._rate(form) * z[form.times[0]] * self._burnt(a[:n]).sum()
+        return float(total)
+
+    def slope(self, form: ThrustVectors, z: Array, a: Array) -> tuple[Array, Array, Array]:
+        """Return d cost / d throttle, and the curvatures across and along the throttle vectors."""
+        n = form.n_segments
+        length = np.maximum(a, 1e-12)
+        excess = self._excess(form, a)
+        slope = (self.energy * a + self.penalty * excess) / n
+        # What is too short is convex along the vector alone.
+        across = (self.energy + self.penalty * np.maximum(excess, 0.0) / length) / n
+        along = (self.energy + self.penalty * (excess != 0.0)) / n
+        if self.has_propellant:
+            rate, root = self._rate(form) * z[form.times[0]], np.sqrt(a[:n] ** 2 + self.rounding**2)
+            slope[:n] += rate * a[:n] / root
+            across[:n] += rate / root
+            along[:n] += rate * self.rounding**2 / root**3
+        return slope, across, along
+
+    def by_shooting_time(self, form: ThrustVectors, a: Array) -> float:
+        """Return d cost / d T_s of the reference."""
+        return (
+            self._rate(form) * float(self._burnt(a[: form.n_segments]).sum()) if self.has_propellant else 0.0
+        )
+
+    def _excess(self, form: ThrustVectors, a: Array) -> Array:
+        """Return how far throttles exceed the limit, negative where they fall short of the lower bound."""
+        least = min(form.least / self.limit, 0.5 * (form.least + form.most))
+        return np.asarray(np.maximum(a - self.limit * form.most, 0.0) - np.maximum(least - a, 0.0))
+
+    def _burnt(self, a: Array) -> Array:
+        return np.asarray(np.sqrt(a * a + self.rounding**2) - self.rounding)
+
+    def _rate(self, form: ThrustVectors) -> float:
+        return form.flow / _UNIT / form.n_segments
+
 
 #: Norm of the canonical defects below which they count as closed: 400 m, all legs together; the most
 #: sensitive paths come no closer.  Others are closed on, to the second value.
@@ -191,3 +417,108 @@ def _corrected(
 
 def _merit(form: ThrustVectors, cost: Cost, z: Array, defects: Array) -> float:
     return cost.value(form, z) + _PRICE * float(np.linalg.norm(defects))
+
+
+# All measured, docs/decisions/0001-local-solver.md.
+_STAY, _REACH = Cost(), Cost(energy=1.0)
+_RESPECT = Cost(penalty=100.0, limit=0.97)
+_REFINE = Cost(penalty=1000.0, limit=0.9999)
+_SAVE = tuple(
+    Cost(has_propellant=True, rounding=rounding, penalty=1000.0, limit=0.995)
+    for rounding in (0.1, 0.03, 0.01)
+)
+#: Iterations of the first phase, and of the first two together: attempts not closed by then are given up.
+REACH_ITERATIONS, CLOSE_ITERATIONS = 120, 150
+#: Starts made of a guess, each with the shooting time halfway from the last one's to its bound.
+ATTEMPTS = 4
+_REFINE_ITERATIONS = 60
+_START_DAMPING, _NEAR = 1e4, 3e-3
+_SOFT, _RIGID, _NEARER = 1e6, 1e9, 1e-3
+# What rounding may add to the length of a throttle vector [-]: decisions are cut to the bounds.
+_ROUNDING = 1e-12
+# Steps for a last metre that may be out of reach.
+_MORE_STEPS, _TIGHTEN_ITERATIONS = 4, 8
+# The propellant has settled when this many steps together gain less than this [100 kg].
+_PATIENCE, _SETTLED = 20, 1e-3
+
+
+def starts(form: ThrustVectors, z: Array) -> Iterator[Array]:
+    """Yield a start, then others that keep its coasts and controls but have more time to thrust.
+
+    Whether a guess closes depends on its shooting time above all: with too little, throttles beyond 1 or
+    defects remain, and the descent hardly lengthens it, since that moves the insertion epoch.
+    """
+    for _ in range(ATTEMPTS):
+        yield z
+        z = form.lengthened(z)
+
+
+def reach(form: ThrustVectors, z: Array, limits: Limits) -> State:
+    """Close the defects from far away: first whatever the thrust, then within its limit.
+
+    Returns
+    -------
+    State
+        Closed or not: `is_solved` tells.
+    """
+    state = State(form, z, _START_DAMPING)
+    begun = limits.iterations
+    while not (state.is_lost or limits.is_over or state.error < _NEAR):
+        if limits.iterations - begun >= REACH_ITERATIONS:
+            break
+        advance(state, _REACH, _SOFT, limits)
+    _respect(state, _RESPECT, limits, begun + CLOSE_ITERATIONS)
+    return state
+
+
+def close(form: ThrustVectors, z: Array, limits: Limits, most_iterations: int) -> State:
+    """Close the defects within the thrust limit from nearby, by the shortest steps that do.
+
+    Returns
+    -------
+    State
+        Closed or not: `is_solved` tells.
+    """
+    state = State(form, z, 1.0)
+    _respect(state, _RESPECT, limits, limits.iterations + most_iterations)
+    return state
+
+
+def tighten(form: ThrustVectors, z: Array, limits: Limits) -> State:
+    """Close defects that all but are by the shortest steps, throttles within rounding of where they were."""
+    state = State(form, z, 1.0)
+    for _ in range(_TIGHTEN_ITERATIONS):
+        if state.error < WELL_CLOSED or state.is_lost or limits.is_over:
+            break
+        advance(state, _STAY, _RIGID, limits)
+    return state
+
+
+def save_propellant(state: State, limits: Limits) -> None:
+    """Descend along the closed defects until the propellant settles or a limit comes."""
+    state.damping = 1.0
+    for cost in _SAVE:
+        gains = [np.inf] * _PATIENCE
+        while sum(gains[-_PATIENCE:]) >= _SETTLED and not (state.is_lost or limits.is_over):
+            gains.append(advance(state, cost, _RIGID, limits))
+        state.damping = min(state.damping, 1.0)
+    _respect(state, _REFINE, limits, limits.iterations + _REFINE_ITERATIONS)
+
+
+def is_solved(state: State) -> bool:
+    """Return whether the defects are closed and all throttles that may move are within their bounds."""
+    throttles = state.form.throttles(state.z)[state.form.free_controls]
+    least, most = state.form.least - _ROUNDING, state.form.most + _ROUNDING
+    return state.error < CLOSED and bool(np.all((throttles >= least) & (throttles <= most)))
+
+
+def _respect(state: State, cost: Cost, limits: Limits, last: int) -> None:
+    """Close the defects with throttles within the cost's limit, as near as possible."""
+    state.damping = min(state.damping, 1.0)
+    spare = _MORE_STEPS
+    while not (state.is_lost or limits.is_over) and limits.iterations < last and spare > 0:
+        if is_solved(state):
+            if state.error < WELL_CLOSED:
+                break
+            spare -= 1
+        advance(state, cost, _RIGID if state.error < _NEARER else _SOFT, limits)

@@ -12,10 +12,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from core.nlp.judging import FINE_TOLERANCE, close_finely, is_feasible
-from core.nlp.limits import Limits
-from core.nlp.phases import close, is_solved, reach, starts, tighten
-from core.nlp.thrust_vectors import ThrustVectors
+from core.nlp.descent import ThrustVectors, close, is_solved, reach, starts, tighten
+from core.nlp.feasibility import FINE_TOLERANCE, close_finely, is_feasible
+from core.nlp.outcome import Limits
 from core.problem import Problem
 from core.transcription import Guess, OutageProfile, Transcription, transcribe
 

@@ -3,15 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from core.nlp.descent import State
-from core.nlp.judging import close_finely, is_feasible, outcome_of
-from core.nlp.limits import Limits, Stop
-from core.nlp.optimum import failure, optimize
-from core.nlp.outcome import ExitStatus, Outcome, SolveSettings
-from core.nlp.phases import is_solved, reach, starts
+from core.nlp.descent import State, ThrustVectors, is_solved, reach, starts
+from core.nlp.feasibility import close_finely, is_feasible, outcome_of
+from core.nlp.ipopt import failure, one_thread, optimize
+from core.nlp.outcome import ExitStatus, Limits, Outcome, SolveSettings, Stop
 from core.nlp.robust import Deepen, Robust
-from core.nlp.threads import one_thread
-from core.nlp.thrust_vectors import ThrustVectors
 from core.problem import require_departure_mass
 from core.tolerances import violation
 from core.transcription import Guess, Transcription, checked_vector

@@ -2,10 +2,8 @@
 
 from core.transcription.arcs import FlownPath, RealizationPath, ReferencePath, fly_arc, target_state
 from core.transcription.control import control_of, throttle_of, wrapped
-from core.transcription.guess import Guess
-from core.transcription.layout import STATE, Layout, TrajectoryLayout, checked_vector, layout_of
+from core.transcription.layout import STATE, Guess, Layout, Start, TrajectoryLayout, checked_vector, layout_of
 from core.transcription.plan import OutageProfile, Structure
-from core.transcription.start import Start
 from core.transcription.transcription import DEFAULT_LEGS, STATE_SCALE, TOLERANCE, Transcription, transcribe
 
 __all__ = [

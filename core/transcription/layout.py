@@ -3,9 +3,14 @@
 The paper layout x lists, for the reference and then for each realization in order of outage,
 (T_s, T_i, T_f, u_1 .. u_N, m_f).  The lifted vector z holds the same entries in canonical units, followed
 by seven numbers (r, v, m) per shooting node.
+
+A start vector for the solver, with the states of its trajectories where a mapping knows them.
+
+Where a transfer begins that is already under way, instead of at the departure.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -151,3 +156,38 @@ def checked_vector(layout: Layout, x: object) -> Array:
             f"decision vector: expected finite numbers, got {np.sum(~np.isfinite(vector))} that are not"
         )
     return vector
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Guess:
+    """A decision vector; the states, if any, start the shooting nodes and are never part of the solution."""
+
+    #: (n_variables,) in the paper layout [days, rad, kg].
+    x: Array
+    #: (N_w + 1, 7) states at the segment boundaries of each trajectory [LU, VU, MU]; None, or NaN for a
+    #: boundary: propagate x.
+    states: tuple[Array | None, ...] | None = None
+
+    def __len__(self) -> int:
+        """Return the length of x."""
+        return len(self.x)
+
+    def __getitem__(self, index: Any) -> Any:
+        """Return entries of x."""
+        return self.x[index]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        """Return x, so that a guess can stand wherever a decision vector can."""
+        return np.array(self.x, dtype=dtype, copy=copy)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Start:
+    """A state on the way, and the problem that it is on the way of."""
+
+    #: Its bodies, its target and its departure epoch stay; its bounds, segments and outages play no part.
+    problem: Problem
+    #: When the transfer begins [TU past departure].
+    time: float
+    #: (7,) state there [LU, VU, MU].
+    state: Array

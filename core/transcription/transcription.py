@@ -21,10 +21,8 @@ from core.problem import Problem
 from core.transcription.builder import build_plan
 from core.transcription.curvature import curvature
 from core.transcription.evaluate import evaluate
-from core.transcription.guess import Guess
-from core.transcription.layout import STATE, Layout, checked_vector, layout_of
+from core.transcription.layout import STATE, Guess, Layout, Start, checked_vector, layout_of
 from core.transcription.plan import OutageProfile, Structure
-from core.transcription.start import Start
 from core.units import LU_KM, MU_KG, VU_KM_S
 
 Array = NDArray[np.float64]

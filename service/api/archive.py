@@ -4,7 +4,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query
 
-from core.analysis.distinct import DISTINCT
+from core.analysis.similarity import DISTINCT
 from service.api.context import CampaignWanted, StoreHere
 from service.api.solution_filter import FilterWanted
 from service.schemas.solution import ChoicesView, ClusterPage, PointsView

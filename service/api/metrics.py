@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 
 from fastapi import APIRouter, Request
 
+from core.analysis.campaign_statistics import findings_of, row, seed_yields, summaries
 from core.analysis.comparison import paired_changes
-from core.analysis.seed_chains import seed_chains
-from core.analysis.study import findings_of, row, seed_yields, summaries
+from core.analysis.cumulative_cost import seed_chains
 from service.api.context import Id, StoreHere
 from service.schemas.search import MetricsRow, MetricsView
 from service.store import Store

@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import ValidationError
 
-from core.analysis.verify import holds
 from core.problem import Problem, content_hash
 from core.search import HopAddress
 from core.tolerances import PAPER, STRICT
+from core.verification.verify import holds
 from service.archive_format.container import PortableError, first_fault
 from service.archive_format.lines import (
     CampaignLine,

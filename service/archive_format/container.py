@@ -21,7 +21,7 @@ from typing import Any, BinaryIO, Self, TypeVar
 
 from pydantic import ValidationError
 
-from core.faults import UserError, fault_lines
+from core.errors import UserError, fault_lines
 from service.archive_format.lines import Line, Manifest, Member
 
 #: Faults of one line of a file that are looked through for the first that explains the others.  A list of

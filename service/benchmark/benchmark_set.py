@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from core import text
+from core import plain_data
 from core.constants import G0, GM_EARTH, GM_JUPITER, GM_MOON, GM_SUN, RADIUS_EARTH_KM, RADIUS_MOON_KM
-from core.faults import UserError
+from core.errors import UserError
 from core.plain_data import MOST_FILE_BYTES
 from core.plain_data import read_toml as tables_in
 from core.problem import Problem, ProblemError, problem_from
@@ -147,7 +147,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 def read_text(path: Path) -> str:
     """Return the text of a file."""
     try:
-        return text.read_text(path)
+        return plain_data.read_text(path)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise BenchmarkError(f"{path}: expected a file to read, got {reason}") from error

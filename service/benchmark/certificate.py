@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
-from core.faults import fault_lines
+from core.errors import fault_lines
 from core.problem import content_hash
 from service.benchmark.benchmark_set import BenchmarkError, read_text
 from workers.certificate import CertificateContent, CertificateFile

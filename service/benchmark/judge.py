@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from core.analysis.verify import verify
 from core.tolerances import STRICT, violation
+from core.verification.verify import verify
 from service.benchmark.benchmark_set import Case
 from service.benchmark.check import problem_mass
 from service.benchmark.vector_file import read_vector

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from spiceypy.utils.exceptions import SpiceyError
 
-from core.analysis.reflight import Pilot, Unflyable
 from core.constants import G0, SECONDS_PER_DAY
 from core.ephemeris.kernels import furnish, one_at_a_time
 from core.orbits import departure_state
 from core.problem import Problem
+from core.verification.repropagation import Pilot, Unflyable
 from service.benchmark.benchmark_set import BenchmarkError, read_text
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from core.cache import cache_note
-from core.faults import UserError
+from core.errors import UserError
 from service.cli.faults import complain, fault_line, warn
 from workers.provenance import code_version
 

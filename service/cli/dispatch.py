@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 from pydantic import SecretStr
 
-from core.faults import UserError
+from core.errors import UserError
 from service.cli.options import WORKERS, Url, token_of
 from workers.dispatch import EXECUTOR_LOST, RUNNER, DispatchOrder, ExecutorKind, dispatch, stop_on_signals
 from workers.executor import ExecutorError, ExecutorLost

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
-from core.faults import UserError
+from core.errors import UserError
 from service.cli import terminal
 from service.cli.options import Json, console, print_json
 from service.new_file import require_folder

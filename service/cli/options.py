@@ -12,7 +12,7 @@ from pydantic import BaseModel, TypeAdapter
 from rich.console import Console
 from rich.table import Table
 
-from core.text import read_text
+from core.plain_data import read_text
 from service.client import Client
 from service.settings import Settings, SettingsError
 

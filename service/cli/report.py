@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from core.faults import UserError
+from core.errors import UserError
 from service.cli.options import DATA, Data
 from service.store import Store
 

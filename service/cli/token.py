@@ -15,7 +15,7 @@ import httpx
 import typer
 from pydantic import BaseModel, ValidationError
 
-from core.faults import UserError, fault_lines
+from core.errors import UserError, fault_lines
 from service.cli import terminal
 from service.cli.options import DATA, Data, Json, console, print_json
 from service.coordinator.lock import FolderLock, LockError

@@ -18,7 +18,7 @@ from typing import Self
 import uvicorn
 from pydantic import SecretStr
 
-from core.faults import UserError
+from core.errors import UserError
 from service.app import create_app
 from service.auth.network import Access, access_on
 from service.coordinator.connections import PatientProtocol, most_connections

@@ -11,7 +11,7 @@ import secrets
 from pathlib import Path
 from typing import Self
 
-from core.faults import UserError
+from core.errors import UserError
 
 
 class LockError(UserError, RuntimeError):

@@ -15,7 +15,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from core.faults import UserError
+from core.errors import UserError
 from service.db.errors import DatabaseError
 from workers.backoff import Backoff
 from workers.dispatch import CANNOT_WORK, NEW_TOKEN, TOKEN_WANTED, DispatchOrder

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from core.analysis.outage_statistics import (
+from core.analysis.safe_modes import (
     LONGEST_ARC,
     RECOVERIES,
     SAFE_MODES,

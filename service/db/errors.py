@@ -11,7 +11,7 @@ from typing import Any
 
 from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError, SQLAlchemyError, TimeoutError
 
-from core.faults import UserError
+from core.errors import UserError
 
 
 class DatabaseError(UserError, RuntimeError):

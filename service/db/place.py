@@ -15,7 +15,7 @@ from alembic.migration import MigrationContext
 from sqlalchemy import URL, Connection, Engine, inspect, make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError
 
-from core.text import read_text
+from core.plain_data import read_text
 from service.db import postgres, sqlite
 from service.db.dialect import VERSION_TABLE, is_empty, mark_version, read_version, revision
 from service.db.errors import DatabaseError, unusable, write_fault

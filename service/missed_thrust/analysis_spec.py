@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from core.faults import UserError
+from core.errors import UserError
 from core.problem import LONGEST_OUTAGE_DAYS, Problem
 
 #: How an analysis is called, before the beginning of the solution's id.

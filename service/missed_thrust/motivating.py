@@ -11,16 +11,16 @@ from importlib.resources import files
 import numpy as np
 from numpy.typing import NDArray
 
-from core.analysis.coverage import THRUSTING
 from core.analysis.flight import Flight, FlownTrajectory, fly
 from core.analysis.missed_thrust import attempt, missed_thrust
-from core.analysis.verify import verify
+from core.analysis.safe_modes import THRUSTING
 from core.constants import SECONDS_PER_DAY
 from core.nlp import solve
 from core.orbits import departure_state
 from core.problem import Problem, calendar_epoch, load_problem, seconds_past_j2000
 from core.search import solve_recovery
 from core.transcription import transcribe
+from core.verification.verify import verify
 from service.schemas.answer import Answer
 
 Array = NDArray[np.float64]

@@ -5,8 +5,15 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from core.analysis.missed_thrust import Attempt, MissedThrust, attempt, missed_thrust
-from core.analysis.survivability import Survivability, fragile_segments, survivability
+from core.analysis.missed_thrust import (
+    Attempt,
+    MissedThrust,
+    Survivability,
+    attempt,
+    fragile_segments,
+    missed_thrust,
+    survivability,
+)
 from core.transcription import layout_of
 from service.schemas.campaign import CampaignView
 from service.schemas.solution import Map, MissedThrustView, SegmentRisk, SurvivabilityView

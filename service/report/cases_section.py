@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from core.analysis.study import case_name, grouped
+from core.analysis.campaign_statistics import case_name, grouped
 from service.report.cells import Cell, Column, Table
 from service.report.estimates import number, percent, seconds_per_solution, strategy_key
 from service.report.groups import Groups, Tally, tally_of

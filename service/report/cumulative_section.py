@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+from core.analysis.cumulative_cost import Cumulative, seed_chains
 from core.analysis.metrics import Estimate
 from core.analysis.paper_values import PaperValue, paper_value
-from core.analysis.seed_chains import Cumulative, seed_chains
 from service.report.cells import AS_GIVEN, DERIVED, READ, Cell, Column, Table
 from service.report.estimates import duration_label, in_seconds, percent, strategy_key
 from service.report.groups import Groups, labelled

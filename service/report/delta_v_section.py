@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+from core.analysis.campaign_statistics import Summary, solutions
 from core.analysis.comparison import PairedChange, paired_change
 from core.analysis.paper_values import paper_value
-from core.analysis.study import Summary, solutions
 from service.report.boxes_plot import LEAST_FOR_BOX, Sample, boxes
 from service.report.cells import READ, Cell, Column, Table
 from service.report.estimates import duration_label, mean_of, number, percent, strategy_key

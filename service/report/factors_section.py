@@ -2,9 +2,8 @@
 
 from collections.abc import Sequence
 
+from core.analysis.campaign_statistics import SolveFacts, grouped
 from core.analysis.comparison import Comparison, compared
-from core.analysis.facts import SolveFacts
-from core.analysis.study import grouped
 from service.report.cells import Cell, Column, Table
 from service.report.estimates import (
     duration_label,

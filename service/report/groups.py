@@ -3,9 +3,17 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from core.analysis.facts import CampaignFacts, SolveFacts
+from core.analysis.campaign_statistics import (
+    CampaignFacts,
+    Findings,
+    SolveFacts,
+    Summary,
+    cost_of,
+    findings_of,
+    solutions,
+    summarized,
+)
 from core.analysis.metrics import Ratio, Spread, feasibility_ratio, spread
-from core.analysis.study import Findings, Summary, cost_of, findings_of, solutions, summarized
 from service.report.estimates import strategy_key
 
 #: Strategy with its mapping, and duration of the outages [days], None where a case mixes durations.

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from core.analysis.weibull import RECOVERIES
+from core.analysis.safe_modes import RECOVERIES
 from service.report.cells import Cell, Column, Table
 from service.report.missed_thrust_plot import Shown, cost_map, longest
 from service.report.page import Fact, Head, Picture, Section

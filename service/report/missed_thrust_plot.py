@@ -9,7 +9,7 @@ from matplotlib.colors import LinearSegmentedColormap, PowerNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from core.analysis.weibull import RECOVERIES
+from core.analysis.safe_modes import RECOVERIES
 from service.report.style import INK, ORANGE, SERIES, SOFT, new_figure
 from service.schemas.solution import Map, MissedThrustView
 

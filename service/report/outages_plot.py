@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from core.analysis.outage_statistics import CountDistribution, duration_cdf
+from core.analysis.safe_modes import CountDistribution, duration_cdf
 from service.report.style import BLUE, INK, SERIES, new_figure
 
 #: The durations of the paper's outages [days], and the end of the axis.

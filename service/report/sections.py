@@ -2,7 +2,7 @@
 
 from datetime import timedelta
 
-from core.analysis.facts import CampaignFacts
+from core.analysis.campaign_statistics import CampaignFacts
 from service.report.cases_section import cases_section
 from service.report.cells import Table
 from service.report.cumulative_section import cumulative_section

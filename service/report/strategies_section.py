@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
+from core.analysis.campaign_statistics import SeedYield, Summary, seed_yields
 from core.analysis.metrics import Estimate
 from core.analysis.paper_values import PaperValue, paper_value
-from core.analysis.study import SeedYield, Summary, seed_yields
 from service.report.cells import AS_GIVEN, DERIVED, SOURCES, Cell, Column, Table
 from service.report.estimates import (
     SECONDS_PER_HOUR,

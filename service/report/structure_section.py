@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from core.analysis.outage_statistics import CountDistribution, count_distribution, quoted_statements
+from core.analysis.safe_modes import CountDistribution, count_distribution, quoted_statements
 from core.analysis.sparsity import DensityRule, density_curve, pattern, sizes
 from core.problem import Problem
 from service.report.cells import DERIVED, PRINTED, READ, Cell, Column, Table

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from core.analysis.facts import CampaignFacts
+from core.analysis.campaign_statistics import CampaignFacts
 from service.report.page import Head, Section, page
 from service.report.sections import head_of, sections_of, tables_of
 from service.report.style import as_png, as_svg, house_style, lay_out

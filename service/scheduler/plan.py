@@ -19,7 +19,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from core.analysis.distinct import most_diverse
+from core.analysis.similarity import most_diverse
 from core.problem import Problem
 from core.search import REFINED, expand_mapping
 from service.spec import Spec

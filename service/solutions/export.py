@@ -26,8 +26,8 @@ from core.export import (
     oem_lines,
     write_spk,
 )
-from core.export.epochs import tdb_texts
 from core.export.spk import FIRST_ID, body_id
+from core.export.states import tdb_texts
 from core.problem import problem_from
 from service.schemas.solution import RecordWithVector
 

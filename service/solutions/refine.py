@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from core.faults import UserError
+from core.errors import UserError
 from core.problem import ProblemError, problem_from
 from core.search import REFINED, refined_problem
 from service.schemas.solution import RecordInFull

@@ -16,8 +16,8 @@ from itertools import islice
 
 from pydantic import BaseModel
 
-from core.analysis.certificate import lowest_passages
-from core.faults import UserError
+from core.errors import UserError
+from core.verification.certificate import lowest_passages
 from service.store import Store
 from service.store.filters import Filter
 from service.store.solutions import Subject

@@ -18,11 +18,10 @@ from pydantic import BeforeValidator, Field, StrictInt, ValidationError, model_v
 
 from core.ephemeris import EpochError, KernelError
 from core.ephemeris.daf import SpkError
-from core.faults import UserError
+from core.errors import UserError
 from core.orbits import SpiralError, departure_state, target_kernel
 from core.orbits.clearance import ClearanceError, check_clearance
-from core.orbits.halo import HaloError
-from core.orbits.shooting import ShootingError
+from core.orbits.nrho import HaloError, ShootingError
 from core.plain_data import read_table_file
 from core.problem import (
     Problem,

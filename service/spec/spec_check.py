@@ -8,9 +8,8 @@ from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
-from core.faults import fault_lines
-from core.plain_data import read_json, read_toml
-from core.text import TextError
+from core.errors import fault_lines
+from core.plain_data import TextError, read_json, read_toml
 from service.spec import Spec, SpecError, spec_from
 from service.spec.search_spec import SearchSpec, Seeds
 from service.spec.spec import require_flyable

@@ -9,7 +9,7 @@ Conflict        what is stored already stands against it
 OtherClaimant   a report on an attempt that another token claimed
 """
 
-from core.faults import UserError
+from core.errors import UserError
 
 
 class StoreError(UserError, RuntimeError):

@@ -22,7 +22,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.orm import Session, aliased
 
-from core.analysis.distinct import features
+from core.analysis.similarity import features
 from core.problem import Problem, definitions_of, hashes_of, problem_from
 from core.search import refined_problem
 from service.db.dialect import insert_and_tell, insert_new, insert_new_rows, plain

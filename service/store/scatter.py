@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sqlalchemy import ColumnElement, Row, and_, func, or_, select
 from sqlalchemy.orm import Session
 
-from core.analysis.distinct import clusters, feature_rows
+from core.analysis.similarity import clusters, feature_rows
 from core.problem import Problem, problem_from
 from service.db.tables import ProblemRow, SearchRow, SolutionRow, SolveRow
 from service.schemas.solution import ClusterPage, ClusterView, PointsView

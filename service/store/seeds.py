@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from sqlalchemy import bindparam, func, select
 from sqlalchemy.orm import Session
 
-from core.analysis.distinct import features
+from core.analysis.similarity import features
 from core.problem import Problem, ProblemError, hashes_of, problem_from, validation_message
 from service.db.tables import CampaignRow, CaseRow, JobRow, ProblemRow, SearchRow, SolutionRow, SolveRow
 from service.scheduler import plan

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sqlalchemy import not_, or_, select
 from sqlalchemy.orm import Session
 
-from core.analysis.facts import CampaignFacts
+from core.analysis.campaign_statistics import CampaignFacts
 from core.problem import Problem, problem_from
 from service.db.engine import Database
 from service.db.tables import (

@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 from sqlalchemy.orm import Session
 
-from core.analysis.facts import CampaignFacts
+from core.analysis.campaign_statistics import CampaignFacts
 from core.problem import Problem
 from service.archive_format.container import Entry
 from service.archive_format.reading import ReadFile

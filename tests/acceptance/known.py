@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from core.analysis.verify import verify
 from core.problem import problem_from
 from core.tolerances import violation
+from core.verification.verify import verify
 from service.spec import spec_from
 from tests.service.campaigns import dispatcher_on
 from workers.certify import certificate, trajectory

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import spiceypy
 
-from core.analysis.verify import verify
 from core.ephemeris import furnish
+from core.verification.verify import verify
 from service.spec import load_spec
 from service.spec.spec import require_flyable
 from tests.pages import ROOT, blocks_of, text_of

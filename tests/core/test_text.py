@@ -4,8 +4,8 @@ import codecs
 
 import pytest
 
+from core.plain_data import TextError, read_text, text_of
 from core.problem import ProblemError, load_problem
-from core.text import TextError, read_text, text_of
 
 TEXT = 'name = "Mond, Erde, größer"\nk = 1\n'
 FORMS = {

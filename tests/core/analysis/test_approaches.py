@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 import spiceypy
 
-from core.analysis import reflight
-from core.analysis.approaches import Closest
-from core.analysis.reflight import MOON, Pilot
 from core.ephemeris.kernels import furnish
 from core.orbits import target_kernel
 from core.problem import load_problem, seconds_past_j2000
+from core.verification import repropagation
+from core.verification.closest_approach import Closest
+from core.verification.repropagation import MOON, Pilot
 from tests.core.analysis.by_hand import GM
 
 ORIGIN_ET = seconds_past_j2000("2026-04-26T14:47:58")
@@ -27,7 +27,7 @@ def by_body(pilot):
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
 def test_the_perigee_of_an_ellipse_is_where_kepler_has_it(monkeypatch, direction):
-    monkeypatch.setattr(reflight, "PERTURBERS", ())
+    monkeypatch.setattr(repropagation, "PERTURBERS", ())
     pilot, (perigee, apogee) = watched_pilot(), (7000.0, 380000.0)
     a = (perigee + apogee) / 2
     speed = np.sqrt(GM[399] * (2 / apogee - 1 / a))

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from core.analysis import verify as judge
-from core.analysis.approaches import Approach
-from core.analysis.certificate import _too_low as too_low
-from core.analysis.certificate import certify, lowest_passages
-from core.analysis.verify import verify
+from core.verification import verify as judge
+from core.verification.certificate import _too_low as too_low
+from core.verification.certificate import certify, lowest_passages
+from core.verification.closest_approach import Approach
+from core.verification.verify import verify
 from tests.core.analysis.by_hand import (
     EARLY,
     ORIGIN_ET,

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from core.analysis.campaign_statistics import findings_of, row
 from core.analysis.comparison import compared, holm, paired_change, paired_changes, wilcoxon_p
-from core.analysis.study import findings_of, row
 from tests.core.analysis.solves import campaign, failed, solved
 
 

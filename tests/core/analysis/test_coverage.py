@@ -5,8 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from core.analysis.coverage import coverage
-from core.analysis.outage_statistics import RECOVERIES, SAFE_MODES, Weibull, count_distribution
+from core.analysis.safe_modes import RECOVERIES, SAFE_MODES, Weibull, count_distribution, coverage
 from core.problem import load_problem
 from core.transcription import layout_of
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from core.analysis.distinct import DISTINCT, clusters, distance, feature_rows, features, most_diverse
+from core.analysis.similarity import DISTINCT, clusters, distance, feature_rows, features, most_diverse
 from core.problem import load_problem
 
 PROBLEM = load_problem("ppe-drm3")
@@ -38,7 +38,7 @@ def test_clusters_are_those_of_the_naive_loop(rows, threshold):
 
 
 def test_clusters_do_not_depend_on_where_blocks_and_cells_end(monkeypatch):
-    monkeypatch.setattr("core.analysis.distinct.BLOCK", 7)
+    monkeypatch.setattr("core.analysis.similarity.BLOCK", 7)
     rng = np.random.default_rng(1)
     for width in (0.02, 0.1, 0.6):
         rows = rng.uniform(size=(200, 3))

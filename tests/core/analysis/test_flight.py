@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from core.analysis.flight import fly, to_rotating
-from core.analysis.verify import verify
 from core.problem import load_problem
 from core.transcription import transcribe
+from core.verification.verify import verify
 
 PROBLEM = load_problem("ppe-drm3").with_outages([(10, 1.0), (40, 1.5)])
 

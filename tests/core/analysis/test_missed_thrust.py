@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from core.analysis.missed_thrust import Attempt, attempt, missed_thrust
-from core.analysis.survivability import fragile_segments, survivability
-from core.analysis.weibull import RECOVERIES, SAFE_MODES, Weibull
+from core.analysis.missed_thrust import Attempt, attempt, fragile_segments, missed_thrust, survivability
+from core.analysis.safe_modes import RECOVERIES, SAFE_MODES, Weibull
 from core.problem import Outage, load_problem
 from core.transcription import layout_of
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest, poisson, weibull_min
 
-from core.analysis.outage_statistics import (
+from core.analysis.safe_modes import (
     RECOVERIES,
     SAFE_MODES,
     Weibull,

@@ -3,8 +3,8 @@ import pytest
 import spiceypy
 from numpy.polynomial.chebyshev import chebval
 
-from core.analysis.records import RUNS, read_runs
 from core.ephemeris.kernels import furnish
+from core.verification.heyoka_check import RUNS, read_runs
 from tests.core.analysis.by_hand import ORIGIN_ET
 
 DAY = 86400.0

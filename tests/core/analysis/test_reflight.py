@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from core.analysis import reflight
-from core.analysis.reflight import Pilot, Unflyable
 from core.ephemeris.kernels import furnish
 from core.problem import seconds_past_j2000
+from core.verification import repropagation
+from core.verification.repropagation import Pilot, Unflyable
 
 EARTH_GM = 398600.43550702266
 ORIGIN_ET = seconds_past_j2000("2026-04-26T14:47:58")
@@ -22,7 +22,7 @@ def state_of(position, velocity, mass=1000.0):
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
 def test_a_circular_orbit_without_perturbers_returns_after_its_period(pilot, monkeypatch, direction):
-    monkeypatch.setattr(reflight, "PERTURBERS", ())
+    monkeypatch.setattr(repropagation, "PERTURBERS", ())
     radius = 42164.0
     start = state_of((radius, 0, 0), (0, np.sqrt(EARTH_GM / radius), 0))
     period = 2 * np.pi * np.sqrt(radius**3 / EARTH_GM)
@@ -33,9 +33,9 @@ def test_a_circular_orbit_without_perturbers_returns_after_its_period(pilot, mon
 
 
 def test_the_moons_tide_on_the_line_of_centres_is_the_difference_of_two_inverse_squares(pilot, monkeypatch):
-    monkeypatch.setattr(reflight, "PERTURBERS", reflight.PERTURBERS[:1])
-    monkeypatch.setattr(reflight, "GM_EARTH", 0.0)
-    moon = pilot.target_state(reflight.MOON, 0.0)[:3]
+    monkeypatch.setattr(repropagation, "PERTURBERS", repropagation.PERTURBERS[:1])
+    monkeypatch.setattr(repropagation, "GM_EARTH", 0.0)
+    moon = pilot.target_state(repropagation.MOON, 0.0)[:3]
     distance, near = np.linalg.norm(moon), 3.0e5
     end = pilot.arc(0.0, state_of(near * moon / distance, (0, 0, 0)), 600.0)
     tide = 4902.8001184575496 * (1 / (distance - near) ** 2 - 1 / distance**2)
@@ -44,8 +44,8 @@ def test_the_moons_tide_on_the_line_of_centres_is_the_difference_of_two_inverse_
 
 
 def test_thrust_without_gravity_follows_the_rocket_equation(pilot, monkeypatch):
-    monkeypatch.setattr(reflight, "PERTURBERS", ())
-    monkeypatch.setattr(reflight, "GM_EARTH", 0.0)
+    monkeypatch.setattr(repropagation, "PERTURBERS", ())
+    monkeypatch.setattr(repropagation, "GM_EARTH", 0.0)
     start, duration = state_of((1e5, 0, 0), (0, 0, 0)), 20 * 86400.0
     end = pilot.arc(0.0, start, duration, pilot.thrust(np.array([0.5, np.pi / 2, 0.0])))
     burned = 0.5 * 3.0e-3 / 26.554648 * duration
@@ -64,7 +64,7 @@ def test_an_arc_flown_back_returns_to_its_start(pilot):
 
 
 def test_a_fall_into_the_moon_is_told_with_its_epoch(pilot):
-    moon = pilot.target_state(reflight.MOON, 0.0)
+    moon = pilot.target_state(repropagation.MOON, 0.0)
     above = state_of(moon[:3] + np.array([20000.0, 0, 0]), moon[3:])
     with pytest.raises(Unflyable, match=r"meets the Moon 0\.\d+ days after departure"):
         pilot.arc(0.0, above, 3 * 86400.0)
@@ -77,7 +77,7 @@ def test_an_arc_that_burns_more_than_its_mass_is_refused(pilot):
 
 
 def test_an_endless_spiral_is_given_up(pilot, monkeypatch):
-    monkeypatch.setattr(reflight, "MAX_EVALUATIONS", 500)
+    monkeypatch.setattr(repropagation, "MAX_EVALUATIONS", 500)
     start = state_of((7000.0, 0, 0), (0, np.sqrt(EARTH_GM / 7000.0), 0))
     with pytest.raises(Unflyable, match="integration gave up"):
         pilot.arc(0.0, start, 30 * 86400.0)

@@ -6,15 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from core.analysis.campaign_statistics import findings_of
+from core.analysis.cumulative_cost import Link, cumulative_hours, cumulative_ratio, full_hours, seed_chains
 from core.analysis.metrics import wilson_interval
-from core.analysis.seed_chains import (
-    Link,
-    cumulative_hours,
-    cumulative_ratio,
-    full_hours,
-    seed_chains,
-)
-from core.analysis.study import findings_of
 from tests.core.analysis.solves import campaign, failed, solved
 
 #: 10 h a solution; of 20 seeds half give one, for 4 h; of 20 solves with 4 seeds a quarter, for 8 h.

@@ -5,7 +5,7 @@ from math import isnan
 
 import pytest
 
-from core.analysis.study import (
+from core.analysis.campaign_statistics import (
     best_of_group,
     case_name,
     cost_of,

@@ -4,17 +4,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.analysis.certificate import certify
-from core.analysis.halves import pilot_of
-from core.analysis.records import read_runs
-from core.analysis.reflight import Unflyable
-from core.analysis.through import apart
 from core.constants import GM_EARTH
 from core.problem import load_problem
+from core.verification.certificate import certify
+from core.verification.end_to_end import apart
+from core.verification.heyoka_check import read_runs
+from core.verification.repropagation import Unflyable, pilot_of
 from tests.core.analysis.by_hand import ORIGIN_ET
 
 pytest.importorskip("heyoka", reason="heyoka is an extra: pip install -c constraints.txt -e '.[heyoka]'")
-from core.analysis.third import INTEGRATOR, TOLERANCE, TaylorPilot
+from core.verification.heyoka_check import INTEGRATOR, TOLERANCE, TaylorPilot
 
 DAY = 86400.0
 VECTORS = json.loads((Path(__file__).parents[2] / "acceptance" / "vectors.json").read_text(encoding="utf-8"))

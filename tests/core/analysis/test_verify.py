@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import scipy
 
-from core.analysis import verify as judge
-from core.analysis.verify import holds, verify
 from core.tolerances import PAPER, STRICT, violation
+from core.verification import verify as judge
+from core.verification.verify import holds, verify
 from tests.core.analysis import by_hand
 from tests.core.analysis.by_hand import known_transfer, problem_with
 

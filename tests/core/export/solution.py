@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from core.analysis.reflight import COAST, Pilot
 from core.constants import G0
 from core.export import export_states
 from core.orbits import target_kernel
 from core.problem import load_problem
+from core.verification.repropagation import COAST, Pilot
 
 _VECTORS = Path(__file__).parents[2] / "acceptance" / "vectors.json"
 PROBLEM = load_problem("ppe-drm3").with_outages([(24, 1.0)])

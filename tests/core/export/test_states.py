@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from core.analysis.verify import verify
 from core.constants import G0, SECONDS_PER_DAY
 from core.export import ExportError, export_states
 from core.export.states import SHORTEST_S
 from core.problem import problem_from
+from core.verification.verify import verify
 from tests.core.export.solution import PROBLEM, trajectories, vector
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from astropy.time import Time
 
 from core.export import csv_lines, ndjson_lines
-from core.export.table import COLUMNS
+from core.export.states import COLUMNS
 from tests.core.export.solution import PROBLEM, trajectories
 
 

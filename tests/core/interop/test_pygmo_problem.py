@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.analysis.verify import verify
 from core.interop import PygmoProblem
 from core.problem import load_problem
+from core.verification.verify import verify
 from tests.core.known import near, solution
 from tests.core.transcription.points import random_point
 

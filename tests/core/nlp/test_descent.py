@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from core.nlp.cost import Cost
-from core.nlp.thrust_vectors import ThrustVectors
+from core.nlp.descent import Cost, ThrustVectors
 from core.problem import load_problem
 from core.search import sample_guess
 from core.transcription import Transcription, transcribe

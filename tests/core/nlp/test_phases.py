@@ -4,9 +4,17 @@ import numpy as np
 import pytest
 
 from core.nlp import Limits, never
-from core.nlp.descent import CLOSED, State
-from core.nlp.phases import ATTEMPTS, is_solved, reach, save_propellant, starts, tighten
-from core.nlp.thrust_vectors import ThrustVectors
+from core.nlp.descent import (
+    ATTEMPTS,
+    CLOSED,
+    State,
+    ThrustVectors,
+    is_solved,
+    reach,
+    save_propellant,
+    starts,
+    tighten,
+)
 from core.search import sample_guess
 from core.transcription import transcribe
 from tests.core.known import solution

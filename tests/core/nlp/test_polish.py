@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from core.analysis.stationarity import stationarity
 from core.nlp import Limits, never
-from core.nlp.judging import close_finely
-from core.nlp.polish import _Callbacks, polish
-from core.nlp.thrust_vectors import node_scales
+from core.nlp.descent import node_scales
+from core.nlp.feasibility import close_finely
+from core.nlp.ipopt import _Callbacks, polish
 from core.tolerances import violation
 from core.transcription import throttle_of, transcribe, wrapped
 from tests.core.known import near, optimum, solution

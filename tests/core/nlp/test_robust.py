@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from core.analysis.stationarity import stationarity
-from core.analysis.verify import verify
 from core.nlp import ExitStatus, Limits, SolveSettings, never, solve
 from core.nlp.robust import Robust
 from core.search import solve_seed
 from core.search.mapping import outage_profiles
 from core.transcription import transcribe
+from core.verification.verify import verify
 from tests.core.known import optimum
 from tests.core.transcription.points import PRESET, problem
 

@@ -7,13 +7,13 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from core.analysis.stationarity import stationarity
-from core.analysis.verify import verify
 from core.nlp import ExitStatus, SolveSettings, solve
 from core.orbits.target import NRHO_ID, target_kernel
 from core.problem import ProblemError, problem_from
 from core.search import sample_guess
 from core.tolerances import violation
 from core.transcription import Guess, transcribe
+from core.verification.verify import verify
 from tests.core.known import near, optimum, solution
 from tests.core.transcription.points import PRESET, problem, random_point
 

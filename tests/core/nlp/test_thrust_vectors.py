@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from core.nlp.thrust_vectors import ThrustVectors, node_scales
+from core.nlp.descent import ThrustVectors, node_scales
 from core.transcription import Guess
 from tests.core.known import solution
 from tests.core.partials import assert_partials

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from core.constants import MU_CR3BP
-from core.orbits.halo import HaloError, halo_of_period, jacobi_constant
+from core.orbits.nrho import HaloError, halo_of_period, jacobi_constant
 from core.units import LU_KM
 
 # Period, x, z and vy at apolune, Jacobi constant, perilune and apolune radius [km].

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import spiceypy
 
-from core.analysis.verify import verify
 from core.constants import SECONDS_PER_DAY
 from core.ephemeris import furnish, state_at
 from core.ephemeris.daf import SpkError
@@ -17,6 +16,7 @@ from core.problem import ProblemError, load_problem, problem_from, seconds_past_
 from core.tolerances import violation
 from core.transcription import transcribe
 from core.units import LU_KM, VU_KM_S
+from core.verification.verify import verify
 
 VECTORS = Path(__file__).parents[2] / "acceptance" / "vectors.json"
 #: The flagship, with coasts as long as the known solution needs: a shorter span, and less to fit.

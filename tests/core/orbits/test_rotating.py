@@ -5,7 +5,7 @@ import pytest
 
 from core.constants import MU_CR3BP
 from core.ephemeris import body_table, state_at
-from core.orbits.halo import halo_of_period, jacobi_constant
+from core.orbits.nrho import halo_of_period, jacobi_constant
 from core.orbits.rotating import jacobi, rotating_frame, to_inertial
 from core.problem import seconds_past_j2000
 from core.units import TU_DAYS

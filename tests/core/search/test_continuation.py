@@ -5,10 +5,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from core.analysis.verify import verify
 from core.nlp import ExitStatus, SolveSettings
 from core.nlp.robust import FIRST_STEP, GROW, SHRINK
-from core.search import MAPPINGS, continuation, solve_seed
+from core.search import MAPPINGS, recovery, solve_seed
+from core.verification.verify import verify
 from tests.core.known import solution
 from tests.core.search.seeds import ONE, robust_solution
 from tests.core.transcription.points import PRESET, problem
@@ -56,13 +56,13 @@ def test_the_iterations_of_all_steps_count_together(mapping):
 @pytest.fixture
 def depths(monkeypatch):
     """The depths at which profiles are asked for; the first of a deepening is that of the full outage."""
-    noted, profiles = [], continuation.outage_profiles
+    noted, profiles = [], recovery.outage_profiles
 
     def noting(to, seed_problem, x, depth, sources):
         noted.append(depth)
         return profiles(to, seed_problem, x, depth, sources)
 
-    monkeypatch.setattr(continuation, "outage_profiles", noting)
+    monkeypatch.setattr(recovery, "outage_profiles", noting)
     return noted
 
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from core.analysis.verify import verify
 from core.nlp import ExitStatus, SolveSettings
 from core.search import solve_recovery
 from core.search.recovery import recovery
 from core.transcription import ReferencePath, transcribe
+from core.verification.verify import verify
 from tests.core.known import optimum
 from tests.core.partials import assert_partials
 from tests.core.rounding import apart

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from core.analysis.certificate import certify
-from core.analysis.verify import verify
 from core.nlp import SolveSettings
 from core.search import REFINED, expand_mapping, map_seed, refined_problem, solve_seed
 from core.transcription import layout_of, transcribe
+from core.verification.certificate import certify
+from core.verification.verify import verify
 from tests.core.known import solution
 from tests.core.search.seeds import ONE, robust_solution
 from tests.core.transcription.points import PRESET, problem

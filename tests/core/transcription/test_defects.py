@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.analysis.verify import verify
 from core.transcription import Guess
+from core.verification.verify import verify
 from tests.core.transcription.points import problem, random_point, transcription
 
 #: A transfer with low passages, closed to 8 m in coarse tables of the bodies and off by 0.35 km in truth.

@@ -6,8 +6,8 @@ import sys
 import numpy as np
 import pytest
 
-from core.analysis.verify import verify
 from core.problem import load_problem, problem_from
+from core.verification.verify import verify
 from service import cli, logs
 from service.cli import run as cli_run
 from service.missed_thrust.analysis_spec import GridError, analysis_spec, grid_of

@@ -13,7 +13,7 @@ import psutil
 import pytest
 from rich.console import Console
 
-from core.faults import UserError
+from core.errors import UserError
 from service.cli import run as cli_run
 from service.client import Client, ClientError
 from service.coordinator import Coordinator

@@ -10,11 +10,10 @@ from dataclasses import dataclass
 from math import nan
 from typing import Literal
 
-from core.analysis.facts import Level, SolveFacts
+from core.analysis.campaign_statistics import Findings, Level, SolveFacts, cost_of, grouped, shared, solutions
 from core.analysis.metrics import Estimate, Ratio, feasibility_ratio, product_ratio, propagated
-from core.analysis.study import Findings, cost_of, grouped, shared, solutions
 
-#: As spent, as allowed by the cap, or as the paper charges: fields of `core.analysis.study.Cost`.
+#: As spent, as allowed by the cap, or as the paper charges: fields of `campaign_statistics.Cost`.
 Currency = Literal["core_hours", "cap_hours", "charged_hours"]
 
 

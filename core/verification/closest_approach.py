@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from core.analysis.reflight import EARTH, MOON, Array, Pilot
 from core.constants import RADIUS_EARTH_KM, RADIUS_MOON_KM, SECONDS_PER_DAY
+from core.verification.repropagation import EARTH, MOON, Array, Pilot
 
 #: Name and radius [km] of the bodies that are watched, by NAIF id.
 WATCHED = {EARTH: ("Earth", RADIUS_EARTH_KM), MOON: ("Moon", RADIUS_MOON_KM)}

@@ -3,8 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from core.nlp.limits import Limits
-from core.nlp.outcome import ExitStatus, Outcome
+from core.nlp.outcome import ExitStatus, Limits, Outcome
 from core.tolerances import violation
 from core.transcription import Transcription
 

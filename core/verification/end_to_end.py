@@ -10,10 +10,9 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from core.analysis.halves import Plan, departure_of, distance
-from core.analysis.reflight import Array, Pilot, Unflyable
 from core.constants import SECONDS_PER_DAY
 from core.problem import Problem
+from core.verification.repropagation import Array, Pilot, Plan, Unflyable, departure_of, distance
 
 
 class Through(NamedTuple):

@@ -10,15 +10,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from core.analysis.approaches import Approach, Closest
-from core.analysis.halves import Plan, departure_of, pilot_of, plans_of
-from core.analysis.reflight import Array, Pilot
-from core.analysis.through import Third, Through, fly_through
-from core.analysis.verify import Verification, judged, loaded_target
 from core.constants import LOWEST_OVER_EARTH_KM, LOWEST_OVER_MOON_KM
 from core.ephemeris.kernels import one_at_a_time
 from core.problem import Outage, Problem
 from core.tolerances import STRICT
+from core.verification.closest_approach import Approach, Closest
+from core.verification.end_to_end import Third, Through, fly_through
+from core.verification.repropagation import Array, Pilot, Plan, departure_of, pilot_of, plans_of
+from core.verification.verify import Verification, judged, loaded_target
 
 #: Lowest passages that are not marked where nobody asks for others [km].
 LOWEST_KM = {"Earth": LOWEST_OVER_EARTH_KM, "Moon": LOWEST_OVER_MOON_KM}
@@ -176,7 +175,7 @@ def certify(
 
 def _third(problem: Problem, plans: list[Plan], naif_id: int, found: Verification) -> Third:
     # Few install the package that it needs.
-    from core.analysis.third import fly_third
+    from core.verification.heyoka_check import fly_third
 
     return fly_third(problem, plans, naif_id, float(found.arrival_et.max()))
 

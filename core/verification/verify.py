@@ -15,14 +15,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from core.analysis.approaches import Approach, Closest
-from core.analysis.halves import Flown, Plan, departure_of, fly_all, pilot_of, plans_of
-from core.analysis.reflight import FINER_RTOL, INTEGRATOR, RTOL, Array
 from core.constants import SECONDS_PER_DAY
 from core.ephemeris.kernels import check_kernels, furnish, kernel_hashes, one_at_a_time
 from core.orbits import target_kernel
 from core.problem import Problem
 from core.tolerances import PAPER, STRICT, Tolerance, violation
+from core.verification.closest_approach import Approach, Closest
+from core.verification.repropagation import (
+    FINER_RTOL,
+    INTEGRATOR,
+    RTOL,
+    Array,
+    Flown,
+    Plan,
+    departure_of,
+    fly_all,
+    pilot_of,
+    plans_of,
+)
 
 #: From this share of a limit to its inverse, a defect may be within the limit at one tolerance of the
 #: integrator and beyond it at another: the largest change seen was a fifth of one.

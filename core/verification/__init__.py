@@ -1,0 +1,1 @@
+"""Independent verification: a trajectory is propagated again without any code of what computed it."""
