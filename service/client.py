@@ -26,7 +26,7 @@ from service.schemas.search import PriorityWanted, WeightWanted
 from service.schemas.solution import MissedThrustPage, RecordInFull, RecordPage, Reproduction, SeedPage
 from service.store.seeds import SeedsWanted
 from workers.client import TIMEOUT_S, Api, ApiError, Rejected
-from workers.source import Unreachable
+from workers.messages import Unreachable
 
 A = TypeVar("A", bound=BaseModel)
 T = TypeVar("T")

@@ -92,7 +92,7 @@ def _numba_cache() -> Check:
 def _threads() -> Check:
     from threadpoolctl import threadpool_info, threadpool_limits
 
-    from workers.threads import require_one_thread
+    from workers.process_tree import require_one_thread
 
     with threadpool_limits(1):
         require_one_thread()

@@ -1,4 +1,4 @@
-"""Logs of the service: the lines of `workers.log_lines`, and those of a transaction once it is stored."""
+"""Logs of the service: the lines of `workers.logs`, and those of a transaction once it is stored."""
 
 import logging
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 from sqlalchemy import event
 from sqlalchemy.orm import Session
 
-from workers.log_lines import IDS, JsonLines, about, configure, known
+from workers.logs import IDS, JsonLines, about, configure, known
 
 __all__ = ["IDS", "JsonLines", "about", "configure", "say"]
 

@@ -30,7 +30,7 @@ from core.search import HopAddress
 from core.tolerances import PAPER, STRICT, violation
 from core.transcription import Layout, checked_vector, layout_of
 from core.verification.verify import BOUND_SLACK, holds
-from workers.job import KIND_NUMBERS, RESULTS, Ending, JobOutcome, Settings, SolveRecord, wall_limit_of
+from workers.messages import KIND_NUMBERS, RESULTS, Ending, JobOutcome, Settings, SolveRecord, wall_limit_of
 
 
 def solution_hash(problem_hash: str, x: Any) -> str:

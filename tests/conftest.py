@@ -10,7 +10,7 @@ from pathlib import Path
 import hypothesis
 import pytest
 
-from workers.threads import single_threaded
+from workers.process_tree import single_threaded
 
 # Before NumPy is imported: threads of its library wait for each other in a loop, and on a busy machine half a
 # second of arithmetic took half a minute of processor time.
@@ -19,7 +19,7 @@ os.environ.update(single_threaded(os.environ))
 from tests.ray_clusters import nodes
 
 COMPILE = (
-    "from core import load_problem\nfrom workers.job import Settings\nfrom workers.run import warmed\n"
+    "from core import load_problem\nfrom workers.messages import Settings\nfrom workers.run import warmed\n"
     "warmed(load_problem('ppe-drm3').model_dump(mode='json'), Settings())"
 )
 # A busy machine takes its time, and no example is judged by it.

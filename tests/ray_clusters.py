@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from workers.ray_token import own_token, require_token
+from workers.ray_nodes import own_token, require_token
 
 NODE = {"num_cpus": 1, "object_store_memory": 80_000_000}
 HEAD = {"include_dashboard": False, "include_log_monitor": False, "no_monitor": True}

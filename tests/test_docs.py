@@ -13,7 +13,7 @@ from core.nlp import ExitStatus
 from core.search import GUESS_LAWS, HOP_LAWS, MAPPINGS
 from service.db.tables import Base
 from service.spec.search_spec import SearchSpec, Seeds
-from workers.job import Ending
+from workers.messages import Ending
 
 ROOT = Path(__file__).parents[1]
 METHOD = (ROOT / "docs" / "method.md").read_text(encoding="utf-8")

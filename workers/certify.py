@@ -1,19 +1,42 @@
-"""From a verified decision vector to what the archive stores about it."""
+"""From a verified decision vector to what the archive stores about it.
+
+The certificate of a solution as a document: what an independent flight found, and with what it was found.
+
+`content` is the same for the same solution on the same machine with the same packages, and `hash` is its
+hash; who made the document and when stands beside it.  Lengths are km, speeds km/s, masses kg; the frame is
+geocentric J2000, epochs are TDB.  docs/verification.md explains every field.
+
+Makes certificates: flies a solution again and writes down what it found, and with what.
+
+Here alone the numbers of `core.verification.certificate` meet a clock and the versions of packages.
+"""
 
 import itertools
-from typing import Any
+import platform
+import time
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from importlib.metadata import version
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
+from core import constants
 from core.analysis.metrics import total_delta_v_km_s, transfer_delta_v_km_s
 from core.constants import SECONDS_PER_DAY
+from core.export import trajectory_name
 from core.orbits import departure_state
-from core.problem import Problem, calendar_epoch
+from core.problem import Problem, calendar_epoch, content_hash
 from core.transcription import layout_of
+from core.verification.certificate import Certification, FlownAgain, certify, lowest_passages
 from core.verification.closest_approach import Approach
+from core.verification.end_to_end import apart
+from core.verification.repropagation import ATOL
 from core.verification.verify import Verification
-from workers.job import Certificate, Trajectory
+from workers.messages import Certificate, Message, Trajectory
+from workers.provenance import provenance
 
 
 def certificate(verification: Verification, cpu_seconds: float) -> Certificate:
@@ -78,3 +101,326 @@ def trajectory(problem: Problem, x: NDArray[np.float64], verification: Verificat
         insertion_epoch=calendar_epoch(arrival_et - final_coast * SECONDS_PER_DAY),
         arrival_epoch=calendar_epoch(arrival_et),
     )
+
+
+#: Grows with every change of what a certificate says.
+CERTIFICATE_VERSION = 2
+
+Pair = tuple[float | None, float | None]
+
+
+class CertifiedApproach(Message):
+    """The closest that a flight comes to a body."""
+
+    body: str
+    #: From the centre, and above the mean equatorial radius.
+    distance_km: float
+    altitude_km: float
+    epoch: str
+    #: The same epoch, counted from the departure.
+    days: float
+    #: Whether the range rate is zero there; else the flight, or a half of it, begins or ends there.
+    is_turn: bool
+
+
+class CertifiedThrough(Message):
+    """A trajectory flown from the departure to the target with no matchpoint and nothing corrected."""
+
+    #: Distance and relative speed [km, km/s] between it and the target when the last segment ends, and at
+    #: arrival; None where it was not flown so far.
+    insertion_miss: Pair
+    arrival_miss: Pair
+    #: Its mass at arrival minus the one of the decision vector.
+    mass_miss_kg: float | None
+    closest: tuple[CertifiedApproach, ...]
+    #: Why it could not be flown, empty if it was.
+    failure: str
+
+
+class CertifiedMass(Message):
+    """Where the mass of a trajectory goes [kg]; coasts and outages use nothing."""
+
+    wet: float
+    spiral: float
+    departure: float
+    #: Used by the reference before the outage, on the coasts and the outage, and in its own segments.
+    before_outage: float
+    coasts: float
+    segments: float
+    #: By the flight, and by the decision vector.
+    arrival: float
+    stated_arrival: float
+    #: Above the dry mass.
+    spare: float
+
+
+class CertifiedTrajectory(Message):
+    """The reference or one realization."""
+
+    name: str
+    outage_segment: int | None
+    outage_days: float | None
+    arrival_epoch: str
+    #: Forward minus backward at the matchpoint: position, velocity, mass; None where it was not flown.
+    defect: tuple[float | None, ...]
+    position_km: float | None
+    velocity_km_s: float | None
+    mass_kg: float | None
+    #: Of the halves, which are the trajectory as planned.
+    closest: tuple[CertifiedApproach, ...]
+    through: CertifiedThrough
+    mass: CertifiedMass
+
+
+class CertifiedIntegrator(Message):
+    """What the arcs were integrated with."""
+
+    name: str
+    relative_tolerance: float
+    #: Per component (x, y, z, vx, vy, vz) [km, km/s].
+    absolute_tolerance: tuple[float, ...]
+    n_evaluations: int
+
+
+class CertifiedThirdTrajectory(Message):
+    """The reference or one realization, flown through by a third integrator."""
+
+    insertion_miss: Pair
+    arrival_miss: Pair
+    #: Largest distance and relative speed [km, km/s] between it and `through`, at the ends of its segments.
+    apart: Pair
+    failure: str
+
+
+class CertifiedThird(Message):
+    """What an integrator of another kind finds, with another reading of the ephemeris."""
+
+    integrator: str
+    version: str
+    #: Of the remainder of a series, relative to the largest component of the state.
+    relative_tolerance: float
+    n_steps: int
+    trajectories: tuple[CertifiedThirdTrajectory, ...]
+
+
+def _is_absent(value: object) -> bool:
+    return value is None
+
+
+class CertificateContent(Message):
+    """What is certified; the hash of a certificate is the hash of this."""
+
+    certificate_version: int
+    solution_id: str
+    problem_hash: str
+    k: int
+    #: The tolerance that the defects hold, by the independent flight.
+    level: Literal["strict", "paper", "none"]
+    #: Whether they hold one, no passage is below the lowest altitude allowed and no mass below the dry mass.
+    is_sound: bool
+    #: Lowest passage that is not marked, of any body; and of each, where they differ.
+    min_altitude_km: float
+    min_altitudes_km: Annotated[dict[str, float] | None, Field(exclude_if=_is_absent)] = None
+    #: Whether the level differs with the integrator's tolerance, the lower one being stated; left out by
+    #: certificates made before that was asked.
+    is_marginal: Annotated[bool | None, Field(exclude_if=_is_absent)] = None
+    #: What is not sound but the level, in words; and why a half could not be flown.
+    marks: tuple[str, ...]
+    failure: str
+    trajectories: tuple[CertifiedTrajectory, ...]
+    frame: str
+    time_scale: str
+    integrator: CertifiedIntegrator
+    constants: dict[str, float]
+    #: Hashes of the kernels flown with, by file name.
+    kernels: dict[str, str]
+    code_version: str
+    python_version: str
+    package_versions: dict[str, str]
+    machine: str
+    #: Left out where nobody asked for it, so that certificates without it keep their hashes.
+    third: Annotated[CertifiedThird | None, Field(exclude_if=_is_absent)] = None
+
+
+class CertificateFile(Message):
+    """A certificate as a file of its own: what the same flight makes again."""
+
+    content: CertificateContent
+    #: BLAKE2b-128 of the content: keys sorted, floats in hexadecimal.
+    hash: str
+
+
+class CertificateDocument(CertificateFile):
+    """A certificate as it is stored, shown and handed out."""
+
+    #: When [UTC], where and with how much processor time it was made, and when it was last found again.
+    made_at: datetime
+    made_on: str
+    cpu_seconds: Annotated[float, Field(ge=0)]
+    checked_at: datetime
+    #: Whether it came with a portable file, and nobody has found it again here.
+    is_from_elsewhere: bool = False
+
+
+#: Constants that a flight depends on, by their names in `core.constants`.
+CONSTANTS = ("GM_EARTH", "GM_MOON", "GM_SUN", "GM_JUPITER", "RADIUS_EARTH_KM", "RADIUS_MOON_KM", "G0")
+
+
+def basis(min_altitude_km: float | None, with_heyoka: bool = False) -> str:
+    """Return the identity of all that a certificate depends on beside its solution.
+
+    Two certificates of one solution on one basis have the same content.
+    """
+    third = {"heyoka": version("heyoka")} if with_heyoka else {}
+    limits = dict(lowest_passages(min_altitude_km))
+    return content_hash({"min_altitudes_km": limits, **third, **_made_with()})
+
+
+def certificate_of(
+    solution_id: str,
+    problem: Problem,
+    x: NDArray[np.float64],
+    min_altitude_km: float | None = None,
+    with_heyoka: bool = False,
+) -> CertificateDocument:
+    """Fly a solution again and return its certificate."""
+    began = time.process_time()
+    found = certify(problem, x, min_altitude_km, with_heyoka)
+    content, now = _content(solution_id, problem, found), datetime.now(UTC)
+    return CertificateDocument(
+        content=content,
+        hash=content_hash(content.model_dump(mode="json")),
+        made_at=now,
+        made_on=provenance().host,
+        cpu_seconds=time.process_time() - began,
+        checked_at=now,
+    )
+
+
+def _content(solution_id: str, problem: Problem, found: Certification) -> CertificateContent:
+    flight = found.verification
+    return CertificateContent(
+        solution_id=solution_id,
+        problem_hash=problem.hash,
+        k=problem.k,
+        level=found.level,
+        is_sound=found.is_sound,
+        **_limits(found),
+        is_marginal=flight.is_marginal,
+        marks=tuple(_marks(found)),
+        failure=flight.failure,
+        trajectories=tuple(_trajectory(found, index) for index in range(len(found.trajectories))),
+        integrator=CertifiedIntegrator(
+            name=flight.integrator,
+            relative_tolerance=flight.tolerance,
+            absolute_tolerance=tuple(ATOL.tolist()),
+            n_evaluations=flight.n_evaluations,
+        ),
+        kernels=dict(flight.kernels),
+        third=_third(found),
+        **_made_with(),
+    )
+
+
+def _limits(found: Certification) -> dict[str, Any]:
+    lowest = min(found.min_altitudes_km.values())
+    differ = any(limit != lowest for limit in found.min_altitudes_km.values())
+    by_body = {"min_altitudes_km": dict(found.min_altitudes_km)} if differ else {}
+    return {"min_altitude_km": lowest} | by_body
+
+
+def _marks(found: Certification) -> Iterator[str]:
+    for mark in found.marks:
+        name, passage = trajectory_name(mark.trajectory), mark.approach
+        epoch = calendar_epoch(passage.et)
+        place = f"the {passage.body} at {passage.altitude_km:.3f} km on {epoch} TDB"
+        yield f"{name} passes {place}, below {mark.limit_km:g} km"
+    for lack in found.lacks:
+        name = trajectory_name(lack.trajectory)
+        yield f"{name} arrives with {lack.mass_kg:.3f} kg, below the {lack.least_kg:g} kg that it has to keep"
+
+
+def _made_with() -> dict[str, Any]:
+    made = provenance()
+    return {
+        "certificate_version": CERTIFICATE_VERSION,
+        "frame": "geocentric, axes J2000 (ICRF)",
+        "time_scale": "TDB",
+        "constants": {name: getattr(constants, name) for name in CONSTANTS},
+        "code_version": made.code_version,
+        "python_version": made.python_version,
+        "package_versions": made.package_versions,
+        "machine": f"{platform.machine()}, {platform.system()}",
+    }
+
+
+def _trajectory(found: Certification, index: int) -> CertifiedTrajectory:
+    flight, flown = found.verification, found.trajectories[index]
+    outage, mass = flown.outage, flown.mass._asdict()
+    return CertifiedTrajectory(
+        name=trajectory_name(index),
+        outage_segment=outage.segment if outage else None,
+        outage_days=outage.duration_days if outage else None,
+        arrival_epoch=calendar_epoch(float(flight.arrival_et[index])),
+        defect=tuple(map(_finite, flight.defects[index])),
+        position_km=_finite(flight.position_km[index]),
+        velocity_km_s=_finite(flight.velocity_km_s[index]),
+        mass_kg=_finite(flight.mass_kg[index]),
+        closest=_approaches(flown.closest),
+        through=_through(flown),
+        mass=CertifiedMass(coasts=0.0, **mass),
+    )
+
+
+def _through(flown: FlownAgain) -> CertifiedThrough:
+    through = flown.through
+    return CertifiedThrough(
+        insertion_miss=_pair(through.insertion_miss),
+        arrival_miss=_pair(through.arrival_miss),
+        mass_miss_kg=_finite(through.mass_miss_kg),
+        closest=_approaches(flown.closest_through),
+        failure=through.failure,
+    )
+
+
+def _third(found: Certification) -> CertifiedThird | None:
+    if found.third is None:
+        return None
+    pairs = zip(found.third.flights, found.trajectories, strict=True)
+    return CertifiedThird(
+        integrator=found.third.integrator,
+        version=found.third.version,
+        relative_tolerance=found.third.tolerance,
+        n_steps=found.third.n_steps,
+        trajectories=tuple(
+            CertifiedThirdTrajectory(
+                insertion_miss=_pair(third.insertion_miss),
+                arrival_miss=_pair(third.arrival_miss),
+                apart=_pair(apart(third, flown.through)),
+                failure=third.failure,
+            )
+            for third, flown in pairs
+        ),
+    )
+
+
+def _approaches(found: tuple[Approach, ...]) -> tuple[CertifiedApproach, ...]:
+    return tuple(
+        CertifiedApproach(
+            body=one.body,
+            distance_km=one.distance_km,
+            altitude_km=one.altitude_km,
+            epoch=calendar_epoch(one.et),
+            days=one.days,
+            is_turn=one.is_turn,
+        )
+        for one in found
+    )
+
+
+def _pair(miss: tuple[float, float]) -> Pair:
+    return _finite(miss[0]), _finite(miss[1])
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -17,7 +17,7 @@ from inspect import signature
 from typing import Any, TextIO
 
 from workers.executor import Ticket
-from workers.job import Claim, JobOutcome, Message
+from workers.messages import Claim, JobOutcome, Message
 
 
 class Inbox:

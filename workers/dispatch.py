@@ -27,19 +27,16 @@ from typing import Annotated
 from platformdirs import user_data_path
 from pydantic import Field, SecretStr
 
-from workers import log_lines
+from workers import logs
 from workers.child import runner_named
 from workers.client import Api, ApiError, HttpSource
 from workers.dispatcher import Dispatcher
-from workers.executor import Executor, ExecutorError, ExecutorLost
-from workers.family import kill_descendants
-from workers.inline import Inline
-from workers.job import Message, RowId, WorkerInfo
+from workers.executor import Executor, ExecutorError, ExecutorLost, Inline
+from workers.messages import Message, Refused, RowId, WorkerInfo
 from workers.outbox import Outbox
 from workers.process_pool import ProcessPool
+from workers.process_tree import Usage, kill_descendants
 from workers.provenance import code_version
-from workers.source import Refused
-from workers.usage import Usage
 
 RUNNER = "workers.run:run_job"
 #: Exit codes: somebody has to mend something; a new dispatcher will do.
@@ -126,7 +123,7 @@ def dispatch(order: DispatchOrder, stop: threading.Event, tokens: TokenLine | No
         executor = _executor(order, stop)
         try:
             worker = _worker(order, executor)
-            log_lines.sign(worker=worker.name)
+            logs.sign(worker=worker.name)
             source = HttpSource(api, tokens.ask if tokens else None)
             outbox = Outbox(order.outbox or _own_outbox(order.url))
             Dispatcher(source, executor, worker, order.campaign_id, Usage(), outbox).run(stop.is_set)
@@ -212,7 +209,7 @@ def _listen(orders: FileIO, stop: threading.Event, tokens: TokenLine) -> None:
 
 def main() -> int:
     """Run as the child of a coordinator; return the exit code, its reason being the last line printed."""
-    log_lines.configure(level=logging.WARNING)
+    logs.configure(level=logging.WARNING)
     stop = threading.Event()
     # Ctrl-C in the terminal is the coordinator's business, which then says so here.
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -11,10 +11,10 @@ import time
 from collections import Counter
 from collections.abc import Callable
 
-from workers.backoff import Awake, Backoff
+from workers.client import Awake, Backoff, Outage
 from workers.executor import Executor, ExecutorError, Finished, Ticket
 from workers.heartbeat import Heartbeat
-from workers.job import (
+from workers.messages import (
     MOST_REPORTS,
     RESULTS,
     ChainPart,
@@ -24,16 +24,20 @@ from workers.job import (
     CompleteManyRequest,
     CompleteRequest,
     Ending,
+    Faulty,
     HandInRequest,
     JobOutcome,
+    JobSource,
+    SourceError,
+    StaleAttempt,
+    Unacceptable,
+    Unreachable,
     WorkerInfo,
     job_digest,
     wall_limit_s,
 )
-from workers.outage import Outage
 from workers.outbox import Outbox
-from workers.source import Faulty, JobSource, SourceError, StaleAttempt, Unacceptable, Unreachable
-from workers.usage import Usage
+from workers.process_tree import Usage
 
 __all__ = ["Dispatcher", "StaleAttempt"]
 

@@ -6,11 +6,17 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Self
 
-from workers.backoff import Backoff
+from workers.client import Backoff, Outage
 from workers.executor import Ticket
-from workers.job import MOST_HELD, HeartbeatAnswer, HeartbeatRequest, HeldJob, WorkerInfo
-from workers.outage import Outage
-from workers.source import JobSource, Unreachable
+from workers.messages import (
+    MOST_HELD,
+    HeartbeatAnswer,
+    HeartbeatRequest,
+    HeldJob,
+    JobSource,
+    Unreachable,
+    WorkerInfo,
+)
 
 #: How soon after its start a worker is heard of, before it knows how often it has to be [s].
 FIRST_PERIOD_S = 0.25

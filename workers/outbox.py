@@ -13,7 +13,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from workers.executor import Ticket
-from workers.job import CompleteRequest
+from workers.messages import CompleteRequest
 
 log = logging.getLogger(__name__)
 

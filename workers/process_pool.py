@@ -16,8 +16,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from workers.executor import CANCEL_GRACE_S, ExecutorError, Finished, HandedIn, Ticket
-from workers.job import ChainPart, Claim, Ending, Job, JobOutcome
-from workers.threads import single_threaded
+from workers.messages import ChainPart, Claim, Ending, Job, JobOutcome
+from workers.process_tree import single_threaded
 
 #: How long a child may take to leave after its stdin closed [s].
 LEAVE_SECONDS = 2.0

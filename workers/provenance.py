@@ -7,7 +7,7 @@ from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 
-from workers.job import Provenance
+from workers.messages import Provenance
 
 #: Packages whose version may change a number.
 PACKAGES = (

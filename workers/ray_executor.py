@@ -20,12 +20,23 @@ from typing import Any
 import psutil
 
 from workers.executor import CANCEL_GRACE_S, ExecutorError, ExecutorLost, Finished, HandedIn, Ticket
-from workers.family import adopt_orphans, kill, kill_descendants
-from workers.job import Claim, Ending, Job, JobOutcome
-from workers.ray_folder import RayFolder, require_short
-from workers.ray_task import ForeignWorker, difference, execute, probe, unpacked, versions
-from workers.ray_token import checked, own_token, require_token
-from workers.ray_watchdog import Watchdog, ended_after
+from workers.messages import Claim, Ending, Job, JobOutcome
+from workers.process_tree import adopt_orphans, kill, kill_descendants
+from workers.ray_nodes import (
+    ForeignWorker,
+    RayFolder,
+    Watchdog,
+    checked,
+    difference,
+    ended_after,
+    execute,
+    own_token,
+    probe,
+    require_short,
+    require_token,
+    unpacked,
+    versions,
+)
 
 LOG = logging.getLogger(__name__)
 

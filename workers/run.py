@@ -29,9 +29,9 @@ from core.search import (
 )
 from core.tolerances import PAPER, violation
 from core.transcription import TOLERANCE, Transcription
-from workers.backoff import Awake
 from workers.certify import certificate, trajectory
-from workers.job import (
+from workers.client import Awake
+from workers.messages import (
     KIND_NUMBERS,
     LONGEST_ERROR,
     WALL_FACTOR,
@@ -46,8 +46,8 @@ from workers.job import (
     Settings,
     SolveRecord,
 )
+from workers.process_tree import require_one_thread
 from workers.provenance import provenance
-from workers.threads import require_one_thread
 
 Stop = Callable[[], bool]
 

@@ -20,7 +20,7 @@ from service.schemas.solution import LineageGraph, Reproduction
 from service.solutions import export as solution_export
 from service.solutions.export import ALL, MEDIA, ZIP, ExportFormat, Wanted
 from service.store import Store, UnknownRow
-from workers.certificate import CertificateDocument
+from workers.certify import CertificateDocument
 
 router = APIRouter(tags=["solutions"])
 

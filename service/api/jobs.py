@@ -14,7 +14,7 @@ from service.schemas.answer import Fault
 from service.schemas.job import JobPage, JobState, JobView, WorkerPage
 from service.store.completion import Report
 from workers.executor import Ticket
-from workers.job import (
+from workers.messages import (
     ClaimAnswer,
     ClaimRequest,
     CompleteAnswer,

@@ -34,8 +34,8 @@ from service.validation import (
     require_solution,
     require_solve,
 )
-from workers.certificate import CertificateContent
-from workers.job import KIND_NUMBERS, Settings
+from workers.certify import CertificateContent
+from workers.messages import KIND_NUMBERS, Settings
 
 
 def require_campaign(line: CampaignLine, spec: Spec, known: Mapping[str, Spec]) -> None:

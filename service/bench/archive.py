@@ -31,7 +31,7 @@ from service.spec.search_spec import SearchSpec
 from service.store import Store
 from service.store.events import noted
 from service.validation import facts_of, figures, solution_hash
-from workers.job import KIND_NUMBERS
+from workers.messages import KIND_NUMBERS
 
 #: Far beyond the chains that are planned when the campaign is submitted.
 FIRST_CHAIN = 10**12

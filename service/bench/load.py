@@ -20,7 +20,7 @@ import numpy as np
 from core.constants import SECONDS_PER_DAY
 from core.problem import Problem, calendar_epoch, problem_from
 from service.validation import facts_of, figures
-from workers.job import KIND_NUMBERS, WorkerInfo
+from workers.messages import KIND_NUMBERS, WorkerInfo
 
 #: How long an idle dispatcher waits before it asks again [s].
 IDLE_S = 0.1

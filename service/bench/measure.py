@@ -22,7 +22,7 @@ from service.bench.probe import Probe, campaign, percentile_ms
 from service.bench.readers import ReadersTally, run_readers
 from service.coordinator import CoordinatorError
 from service.spec import spec_from
-from workers.job import WorkerInfo
+from workers.messages import WorkerInfo
 from workers.provenance import code_version
 
 READ_PERIOD_S = 0.1

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from core.errors import fault_lines
 from core.problem import content_hash
 from service.benchmark.benchmark_set import BenchmarkError, read_text
-from workers.certificate import CertificateContent, CertificateFile
+from workers.certify import CertificateContent, CertificateFile
 
 #: A flight on another machine rounds otherwise; the masses of the vector do not.
 MASS_KG = 1e-9

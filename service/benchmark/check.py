@@ -26,8 +26,7 @@ from service.benchmark.states_file import jumps
 from service.benchmark.vector_file import read_vector
 from service.schemas.answer import Check
 from service.validation import solution_hash
-from workers.certificate import CertificateContent
-from workers.certifier import certificate_of
+from workers.certify import CertificateContent, certificate_of
 
 #: What the propellant of a table may be rounded by [kg].
 PROPELLANT_KG = 1e-6

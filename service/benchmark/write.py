@@ -31,9 +31,8 @@ from service.benchmark.check import problem_mass
 from service.benchmark.states_file import SAMPLES_PER_RADIAN
 from service.spec.spec_text import toml_text
 from service.validation import solution_hash
-from workers.bench_seeds import Solution
-from workers.certificate import CertificateFile
-from workers.certifier import certificate_of
+from workers.certify import CertificateFile, certificate_of
+from workers.measure_solves import Solution
 
 
 def write_set(folder: Path, solutions: list[Solution], date: str) -> BenchmarkSet:

@@ -103,7 +103,7 @@ def write(
 ) -> None:
     """Write a new set of the best solution of each problem in a file."""
     from service.benchmark.write import write_set
-    from workers.bench_seeds import read_solutions
+    from workers.measure_solves import read_solutions
 
     try:
         given = read_solutions(solutions)

@@ -9,7 +9,7 @@ from service.cli.options import DATA, Data, Json, MaybeUrl, client_of, console, 
 from service.schemas.solution import Reproduction
 from service.solutions.reproduce import Comparison, reproduce, verdict
 from service.store import Store
-from workers.job import Job, JobOutcome
+from workers.messages import Job, JobOutcome
 
 
 def reproduce_command(

@@ -9,7 +9,7 @@ from rich.text import Text
 
 from service.cli.terminal import table
 from service.solutions.verification import Summary, Verified
-from workers.certificate import CertificateDocument, CertifiedApproach, CertifiedThird, CertifiedTrajectory
+from workers.certify import CertificateDocument, CertifiedApproach, CertifiedThird, CertifiedTrajectory
 
 
 def progress_line(items: Sequence[Verified], n: int, gone_s: float) -> str:

@@ -32,8 +32,8 @@ from service.scheduler.plan import LeaseSettings
 from service.schemas.identity import Role
 from service.settings import Settings
 from service.store import Store
+from workers.client import Outage
 from workers.dispatch import RUNNER, DispatchOrder, ExecutorKind
-from workers.outage import Outage
 
 log = logging.getLogger(__name__)
 

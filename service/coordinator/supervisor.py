@@ -17,7 +17,7 @@ from collections.abc import Callable
 
 from core.errors import UserError
 from service.db.errors import DatabaseError
-from workers.backoff import Backoff
+from workers.client import Backoff
 from workers.dispatch import CANNOT_WORK, NEW_TOKEN, TOKEN_WANTED, DispatchOrder
 
 log = logging.getLogger(__name__)

@@ -33,7 +33,7 @@ from service.db.errors import (
 )
 from service.db.place import Place, shown
 from service.db.tables import SCHEMA_VERSION
-from workers.outage import Outage
+from workers.client import Outage
 
 __all__ = ["Database", "DatabaseError", "Moment", "Unavailable", "WriteFault", "unusable"]
 

@@ -13,7 +13,7 @@ from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
 from service.db.columns import Flag, Json, Number, Vector, Whole, partial_index
 from service.db.transitions import TRANSITIONS, guard_transitions
-from workers.job import Ending
+from workers.messages import Ending
 
 #: Grows with every change of the tables; kept in SQLite's user_version.
 SCHEMA_VERSION = 7
@@ -178,7 +178,7 @@ class JobRow(Base):
     is_cancelling: Mapped[bool] = mapped_column(default=False, server_default="0")
     worker: Mapped[str | None]
     ending: Mapped[str | None]
-    #: Where a chain goes on whose first hops are handed in, as `workers.job.ChainPlace`; read only to go on.
+    #: Where a chain whose first hops are handed in goes on (`workers.messages.ChainPlace`); read only then.
     place: Mapped[Any] = mapped_column(Json, nullable=True, deferred=True)
     created_at: Mapped[float]
     updated_at: Mapped[float]

@@ -41,12 +41,12 @@ from service.validation import (
     require_solution,
     require_solve,
 )
-from workers.certificate import CertificateContent
-from workers.job import KIND_NUMBERS, Ending, Provenance, Settings
+from workers.certify import CertificateContent
+from workers.messages import KIND_NUMBERS, Ending, Provenance, Settings
 
 #: Rows that are in memory at once.
 CHUNK = 1000
-#: What counts and times of a solve can reach; see `workers.job`.
+#: What counts and times of a solve can reach; see `workers.messages`.
 MOST_COUNTED, LONGEST_S = 10**12, 1e9
 
 #: Columns that sound rows have finite numbers in, where they have any.

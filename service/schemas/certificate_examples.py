@@ -5,7 +5,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from service.schemas.examples import AT, LATER, OUTAGE, ROBUST, SOLUTION
-from workers.certificate import CertificateDocument
+from workers.certify import CertificateDocument
 
 _EARTH = {
     "body": "Earth",

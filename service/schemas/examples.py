@@ -10,7 +10,7 @@ from service.schemas.job import EventPage, JobPage, JobView, WorkerPage
 from service.schemas.problem import ProblemPage, ProblemView
 from service.schemas.search import MetricsView
 from service.schemas.solution import RecordPage, SeedPage
-from workers.job import ClaimAnswer, CompleteAnswer, CompleteManyAnswer, HandInAnswer, HeartbeatAnswer
+from workers.messages import ClaimAnswer, CompleteAnswer, CompleteManyAnswer, HandInAnswer, HeartbeatAnswer
 
 SOLUTION = "63dd0ec3a1b24c7f9e5d8b6a4f2c1e07"
 SEED = "1b7e9c50d3f84a6286e0b5c7d9f1a324"

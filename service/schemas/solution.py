@@ -8,7 +8,7 @@ from pydantic import Field
 from service.schemas.answer import Answer, CampaignState
 from service.schemas.job import JobState
 from service.schemas.problem import OutageView
-from workers.job import Job
+from workers.messages import Job
 
 #: Rows of defects: one per trajectory, (x, y, z) [km], (vx, vy, vz) [km/s], m [kg].
 Defects = list[list[float]]

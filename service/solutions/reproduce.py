@@ -8,7 +8,7 @@ import numpy as np
 from service.schemas.answer import Answer
 from service.schemas.solution import Reproduction
 from service.validation import solution_hash
-from workers.job import Job, JobOutcome, Provenance, SolveRecord
+from workers.messages import Job, JobOutcome, Provenance, SolveRecord
 
 
 class Difference(Answer):

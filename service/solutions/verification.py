@@ -21,7 +21,7 @@ from core.verification.certificate import lowest_passages
 from service.store import Store
 from service.store.filters import Filter
 from service.store.solutions import Subject
-from workers.certificate import CertificateDocument
+from workers.certify import CertificateDocument
 
 #: How trustworthy a level is.
 RANKS = {"none": 0, "paper": 1, "strict": 2}
@@ -113,7 +113,7 @@ def require_heyoka() -> None:
 
 def fresh_ids(store: Store, ids: Sequence[str], asked: Asked) -> list[str]:
     """Return those that were not found sound with this code, these packages, and as asked."""
-    from workers.certifier import basis
+    from workers.certify import basis
 
     known = store.certificates.sound_on(basis(asked.min_altitude_km, asked.with_heyoka))
     return [one for one in ids if one not in known]
@@ -123,7 +123,7 @@ def verify_solutions(
     store: Store, ids: Sequence[str], asked: Asked, n_processes: int = 1
 ) -> Iterator[Verified]:
     """Certify solutions, store each certificate, and yield how each one went as it is done."""
-    from workers.certifier import basis
+    from workers.certify import basis
 
     here = basis(asked.min_altitude_km, asked.with_heyoka)
     subjects = (store.certificates.subject(one) for one in ids)
@@ -217,7 +217,7 @@ def _leave_signals_to_parent() -> None:
 def _certify(subject: Subject, asked: Asked) -> CertificateDocument | str:
     """Return the certificate of a solution, or why its problem cannot be flown on this machine."""
     from core.problem import ProblemError, problem_from
-    from workers.certifier import certificate_of
+    from workers.certify import certificate_of
 
     try:
         problem = problem_from(subject.definition)

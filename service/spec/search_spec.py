@@ -8,7 +8,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from core.problem import LONGEST_OUTAGE_DAYS, Outage
 from core.search import GUESS_LAWS, HOP_LAWS, REFINED, HopSettings, check_mapping
 from core.search.hopping import SHAPES
-from workers.job import HopLaws, Settings
+from workers.messages import HopLaws, Settings
 
 #: What only one of the two kinds of search may set.
 CHAIN_FIELDS = (*HopLaws.model_fields, "hops")

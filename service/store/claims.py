@@ -16,7 +16,7 @@ from service.scheduler.plan import LONGEST_BACKOFF_S, Share, in_turn, mean_cost_
 from service.store.cache import definition_of, layout_of_problem, search_spec
 from service.store.errors import OtherClaimant
 from workers.executor import Ticket
-from workers.job import Address, ChainPlace, Claim, HopJob, MapJob
+from workers.messages import Address, ChainPlace, Claim, HopJob, MapJob
 
 # Statements are made once: to build one takes longer than to run it.  States stand in them as text, since
 # only then are the indexes of one state used.

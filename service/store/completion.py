@@ -38,7 +38,7 @@ from service.store.statistics import Counts, scope_of
 from service.validation import JobFacts, UnsoundError, require_outcome, require_records, solution_hash
 from workers.dispatcher import StaleAttempt
 from workers.executor import Ticket
-from workers.job import (
+from workers.messages import (
     KIND_NUMBERS,
     RESULTS,
     ChainPart,
@@ -209,7 +209,7 @@ class Report(NamedTuple):
 
     ticket: Ticket
     outcome: JobOutcome
-    #: `workers.job.job_digest` of what it ran, where that is to be compared.
+    #: `workers.messages.job_digest` of what it ran, where that is to be compared.
     digest: str | None = None
 
 

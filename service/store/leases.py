@@ -24,7 +24,7 @@ from service.store.events import note_job
 from service.store.planning import advance
 from service.store.statistics import Counts
 from workers.executor import Ticket
-from workers.job import Ending, HeartbeatAnswer, HeldJob, WorkerInfo
+from workers.messages import Ending, HeartbeatAnswer, HeldJob, WorkerInfo
 from workers.provenance import code_version
 
 #: As text, since only then is the index of this state used.

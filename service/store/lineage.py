@@ -20,7 +20,7 @@ from service.schemas.solution import Child, LineageGraph, Reproduction
 from service.store import solutions
 from service.store.claims import Turn, message_of, seeds_of
 from service.store.errors import UnknownRow
-from workers.job import HopJob
+from workers.messages import HopJob
 
 _SEED: BindParameter[str] = bindparam("seed")
 _FINDERS = select(SolveRow.search_id).where(SolveRow.solution_id == _SEED)

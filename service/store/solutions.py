@@ -45,7 +45,7 @@ from service.store.cache import spec_of
 from service.store.errors import StoreError, UnknownRow
 from service.store.filters import Begin, Filter, Order, Wanted, ids_of_page
 from service.store.statistics import campaign_facts
-from workers.certificate import CertificateContent, CertificateDocument
+from workers.certify import CertificateContent, CertificateDocument
 
 #: The basis of a certificate that was taken in from another installation, until it is found again here.
 ELSEWHERE = ""

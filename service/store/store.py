@@ -60,8 +60,9 @@ from service.store.jobs import Activity
 from service.store.seeds import SeedsWanted
 from service.store.solutions import Certificates
 from service.store.statistics import Gauges, require_writable
+from workers.client import Outage
 from workers.executor import Ticket
-from workers.job import (
+from workers.messages import (
     ChainPart,
     Claim,
     CompleteAnswer,
@@ -70,7 +71,6 @@ from workers.job import (
     JobOutcome,
     WorkerInfo,
 )
-from workers.outage import Outage
 
 __all__ = ["Store", "StoreError", "UnknownRow"]
 

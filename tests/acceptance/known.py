@@ -17,8 +17,8 @@ from core.verification.verify import verify
 from service.spec import spec_from
 from tests.service.campaigns import dispatcher_on
 from workers.certify import certificate, trajectory
-from workers.inline import Inline
-from workers.job import Ending, HopJob, JobOutcome, Provenance, SolveRecord
+from workers.executor import Inline
+from workers.messages import Ending, HopJob, JobOutcome, Provenance, SolveRecord
 from workers.run import hop_address
 
 VECTORS = json.loads((Path(__file__).parent / "vectors.json").read_text(encoding="utf-8"))

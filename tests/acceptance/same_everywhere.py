@@ -23,7 +23,7 @@ from service.spec import load_spec, spec_from
 from tests.ray_clusters import nodes
 from tests.service.campaigns import content
 from workers.dispatch import RUNNER, ExecutorKind
-from workers.threads import single_threaded
+from workers.process_tree import single_threaded
 
 QUICK = Path(__file__).parents[2] / "examples" / "quick.toml"
 COASTARC = Path(sys.executable).with_name("coastarc")

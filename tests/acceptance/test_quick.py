@@ -15,7 +15,7 @@ from service.db.engine import DatabaseError
 from service.spec import load_spec
 from service.spec.spec import require_flyable
 from service.store import Store, UnknownRow
-from workers.threads import single_threaded
+from workers.process_tree import single_threaded
 
 pytestmark = pytest.mark.slow
 

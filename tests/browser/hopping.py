@@ -7,8 +7,8 @@ from service.spec import spec_from
 from tests.core.search.test_hopping import SMALL, outcome
 from tests.service.campaigns import dispatcher_on
 from tests.workers.fake import record, run_fake
-from workers.inline import Inline
-from workers.job import Ending, JobOutcome, MapJob
+from workers.executor import Inline
+from workers.messages import Ending, JobOutcome, MapJob
 
 SPEC = {
     "campaign": {"name": "hopping", "rng_seed": 5},

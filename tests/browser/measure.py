@@ -28,7 +28,7 @@ from service.bench.machine import machine
 from service.bench.probe import campaign
 from service.spec import spec_from
 from tests.browser.conftest import CHROMIUM, FLAGS
-from workers.job import WorkerInfo
+from workers.messages import WorkerInfo
 from workers.provenance import code_version
 
 PAGES = {

@@ -9,7 +9,7 @@ from tests.acceptance import known
 from tests.browser.conftest import PATIENCE, SCREENS
 from tests.service.campaigns import finish, spec_fields
 from tests.workers.fake import run_broken
-from workers.inline import Inline
+from workers.executor import Inline
 
 NAME = "<img src=x onerror=alert(1)>"
 FIGURES = ("best-so-far", "outcome-mix", "feasibility", "delta-v")

@@ -13,7 +13,7 @@ from service.store.filters import Filter
 from tests.acceptance import known
 from tests.browser.conftest import SCREENS
 from tests.service.campaigns import finish
-from workers.certificate import CertificateDocument
+from workers.certify import CertificateDocument
 
 PRESET = load_problem("ppe-drm3")
 

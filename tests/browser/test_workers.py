@@ -13,7 +13,7 @@ from tests.browser import hopping
 from tests.browser.conftest import SCREENS, serving
 from tests.service.by_hand import worker_info
 from workers.executor import Ticket
-from workers.job import Ending, JobOutcome
+from workers.messages import Ending, JobOutcome
 
 WORST = "<img src=x onerror=alert(1)>"
 ERROR = JobOutcome(ending=Ending.ERROR, error=f"Traceback ...\n  in solve\nZeroDivisionError: {WORST}")

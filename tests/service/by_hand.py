@@ -4,7 +4,7 @@ import platform
 
 from tests.workers.fake import run_fake
 from workers.executor import Ticket
-from workers.job import WorkerInfo
+from workers.messages import WorkerInfo
 from workers.provenance import code_version
 
 

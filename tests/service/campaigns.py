@@ -6,10 +6,8 @@ from service.store.solutions import Filter
 from tests.workers.fake import run_fake
 from tests.workers.jobs import worker_info
 from workers.dispatcher import Dispatcher
-from workers.executor import Ticket
-from workers.inline import Inline
-from workers.job import ClaimAnswer, CompleteManyAnswer, CompleteManyRequest
-from workers.source import Unacceptable
+from workers.executor import Inline, Ticket
+from workers.messages import ClaimAnswer, CompleteManyAnswer, CompleteManyRequest, Unacceptable
 
 OUTAGE = {"segment": 24, "duration_days": 1.0}
 #: Nine days of spiral, for which there may be propellant.

@@ -11,7 +11,7 @@ from tests.service.databases import (  # noqa: F401 - fixtures
     own_postgres,
     postgres,
 )
-from workers.inline import Inline
+from workers.executor import Inline
 
 
 @pytest.fixture

@@ -22,9 +22,8 @@ from service.store.solutions import Filter
 from tests.acceptance import known
 from tests.service.campaigns import dispatcher_on
 from tests.workers.jobs import worker_info
-from workers.executor import Ticket
-from workers.inline import Inline
-from workers.job import Ending, HopJob, JobOutcome
+from workers.executor import Inline, Ticket
+from workers.messages import Ending, HopJob, JobOutcome
 
 VECTORS = Path(__file__).parent / "data" / "kinds.json"
 PROBLEM = {"preset": "ppe-drm3"}

@@ -16,7 +16,7 @@ from service.store.solutions import Filter
 from tests.service.campaigns import finish, spec_fields, submitted
 from tests.workers.jobs import worker_info
 from workers.client import Api, HttpSource
-from workers.job import (
+from workers.messages import (
     ClaimAnswer,
     ClaimRequest,
     CompleteAnswer,

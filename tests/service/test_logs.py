@@ -11,7 +11,7 @@ import pytest
 from service import logs
 from service.schemas.identity import Role
 from service.store.identity import new_secret, taken_apart
-from workers import log_lines
+from workers import logs as log_lines
 from workers.dispatch import DispatchOrder
 
 FAKE = "tests.workers.fake:run_fake"

@@ -17,7 +17,7 @@ from core.orbits import departure_state
 from core.problem import problem_from
 from core.transcription import layout_of
 from workers.certify import trajectory
-from workers.job import (
+from workers.messages import (
     KIND_NUMBERS,
     Certificate,
     ChainPart,

@@ -3,7 +3,7 @@
 import platform
 
 from core.problem import load_problem
-from workers.job import Address, HopJob, Settings, WorkerInfo
+from workers.messages import Address, HopJob, Settings, WorkerInfo
 from workers.provenance import code_version
 
 PROBLEM = load_problem("ppe-drm3")

@@ -17,7 +17,7 @@ import psutil
 from tests.workers.jobs import hop_job
 from workers.executor import ExecutorLost, Ticket
 from workers.ray_executor import RayCluster, RayExecutor
-from workers.ray_watchdog import Watchdog
+from workers.ray_nodes import Watchdog
 
 
 def opened(folder, patience_s=30.0):

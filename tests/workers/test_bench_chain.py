@@ -9,13 +9,29 @@ from core.nlp import SolveSettings
 from tests.acceptance.known import VECTORS
 from tests.workers.fake import record, run_broken
 from tests.workers.jobs import PROBLEM
-from workers.bench_cases import DEFAULT_GROUPS, GROUPS, Case, grouped_cases, in_order, parsed_cases
-from workers.bench_chain import ChainPlan, n_links, solution_of, solve_links, warm_up
-from workers.bench_chain_summary import as_fields, by_case, by_group, row
-from workers.bench_measurement import Measurement
-from workers.bench_seeds import Solution
-from workers.inline import Inline
-from workers.job import Ending, JobOutcome, MapJob
+from workers.executor import Inline
+from workers.measure_chains import (
+    ChainPlan,
+    as_fields,
+    by_case,
+    by_group,
+    n_links,
+    row,
+    solution_of,
+    solve_links,
+    warm_up,
+)
+from workers.measure_solves import (
+    DEFAULT_GROUPS,
+    GROUPS,
+    Case,
+    Measurement,
+    Solution,
+    grouped_cases,
+    in_order,
+    parsed_cases,
+)
+from workers.messages import Ending, JobOutcome, MapJob
 from workers.run import run_job
 
 SEEDS = tuple(

@@ -6,9 +6,7 @@ import pytest
 from core.dynamics import STATE
 from core.problem import load_problem
 from core.transcription import transcribe
-from workers.bench_evaluate import OUTAGES, bench_evaluate
-from workers.bench_reference import fly_with_scipy
-from workers.bench_work import ephemeris_nanoseconds, flight
+from workers.measure_evaluation import OUTAGES, bench_evaluate, ephemeris_nanoseconds, flight, fly_with_scipy
 
 
 def point(transcription):

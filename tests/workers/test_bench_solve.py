@@ -10,19 +10,23 @@ from core.nlp import SolveSettings
 from tests.acceptance.known import VECTORS
 from tests.workers.fake import run_broken, run_fake
 from tests.workers.jobs import PROBLEM
-from workers.bench_jobs import warm
-from workers.bench_measurement import measured
-from workers.bench_seeds import (
+from workers.executor import Inline
+from workers.measure_solves import (
     DISTINCT,
+    GuessPlan,
     Solution,
     distance,
     distinct,
+    found_seeds,
+    measured,
     read_solutions,
+    solution_of,
+    solve_guesses,
+    warm,
+    warm_up,
     write_solutions,
 )
-from workers.bench_solve import GuessPlan, found_seeds, solution_of, solve_guesses, warm_up
-from workers.inline import Inline
-from workers.job import Ending, JobOutcome
+from workers.messages import Ending, JobOutcome
 from workers.process_pool import ProcessPool
 from workers.run import run_job
 

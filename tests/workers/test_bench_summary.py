@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from workers.bench_measurement import NOT_VERIFIED, Measurement
-from workers.bench_summary import costs, failures, share, spread, summary
+from workers.measure_solves import NOT_VERIFIED, Measurement, costs, failures, share, spread, summary
 
 STRICT = Measurement("OPTIMAL", True, True, True, 165.0, 2e-7, 300, 900, 4.0, 0.3)
 NEARLY = Measurement("ACCEPTABLE", True, True, True, 175.0, 3e-6, 500, 1500, 6.0, 0.3)

@@ -8,8 +8,19 @@ import pytest
 from tests.workers.fake import run_fake
 from tests.workers.jobs import hop_job, worker_info
 from workers.client import Api, ApiError, HttpSource
-from workers.job import Claim, ClaimAnswer, ClaimRequest, CompleteRequest, HeartbeatRequest, HeldJob
-from workers.source import Faulty, Refused, StaleAttempt, Unacceptable, Unreachable
+from workers.messages import (
+    Claim,
+    ClaimAnswer,
+    ClaimRequest,
+    CompleteRequest,
+    Faulty,
+    HeartbeatRequest,
+    HeldJob,
+    Refused,
+    StaleAttempt,
+    Unacceptable,
+    Unreachable,
+)
 
 REPORT = CompleteRequest(job_id=1, attempt=2, outcome=run_fake(hop_job()))
 CLAIM = ClaimRequest(worker=worker_info(), n_jobs=1)

@@ -8,21 +8,22 @@ import pytest
 from tests.service.clock import Clock
 from tests.workers.fake import run_fake
 from tests.workers.jobs import hop_job, worker_info
-from workers.backoff import Backoff
+from workers.client import Backoff
 from workers.dispatcher import Dispatcher, StaleAttempt
-from workers.executor import ExecutorLost, Ticket
-from workers.inline import Inline
-from workers.job import (
+from workers.executor import ExecutorLost, Inline, Ticket
+from workers.messages import (
     Claim,
     ClaimAnswer,
     CompleteAnswer,
     CompleteManyAnswer,
     Ending,
+    Faulty,
     HeartbeatAnswer,
+    Unacceptable,
+    Unreachable,
     wall_limit_s,
 )
 from workers.process_pool import ProcessPool
-from workers.source import Faulty, Unacceptable, Unreachable
 
 INFO = worker_info()
 

@@ -9,11 +9,10 @@ import pytest
 
 from tests.workers import fake
 from tests.workers.jobs import hop_job
-from workers.executor import ExecutorError, Ticket
-from workers.inline import Inline
-from workers.job import Ending
+from workers.executor import ExecutorError, Inline, Ticket
+from workers.messages import Ending
 from workers.process_pool import ProcessPool
-from workers.threads import THREAD_VARIABLES
+from workers.process_tree import THREAD_VARIABLES
 
 FAKE = "tests.workers.fake:"
 RAY = pytest.param("ray", marks=pytest.mark.ray)

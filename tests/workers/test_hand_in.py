@@ -15,11 +15,20 @@ from tests.workers.jobs import hop_job, worker_info
 from tests.workers.test_dispatcher import ListSource
 from workers import run
 from workers.dispatcher import Dispatcher
-from workers.executor import HandedIn, Ticket
-from workers.inline import Inline
-from workers.job import ChainPart, ChainPlace, Ending, HandInAnswer, HopJob, HopLaws, JobOutcome
+from workers.executor import HandedIn, Inline, Ticket
+from workers.messages import (
+    ChainPart,
+    ChainPlace,
+    Ending,
+    Faulty,
+    HandInAnswer,
+    HopJob,
+    HopLaws,
+    JobOutcome,
+    StaleAttempt,
+    Unreachable,
+)
 from workers.process_pool import ProcessPool
-from workers.source import Faulty, StaleAttempt, Unreachable
 
 N_HOPS = 12
 #: Ten variables with two segments of control.

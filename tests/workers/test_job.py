@@ -7,8 +7,8 @@ from pydantic import ValidationError
 
 from tests.workers.fake import run_fake
 from tests.workers.jobs import PROBLEM, hop_job
-from workers.job import Address, Claim, HopJob, JobOutcome, MapJob, Settings
-from workers.threads import THREAD_VARIABLES, single_threaded
+from workers.messages import Address, Claim, HopJob, JobOutcome, MapJob, Settings
+from workers.process_tree import THREAD_VARIABLES, single_threaded
 
 FLOATS = st.floats(allow_nan=False, allow_infinity=False)
 

@@ -5,13 +5,22 @@ import pytest
 from tests.workers.fake import run_fake
 from tests.workers.jobs import hop_job, worker_info
 from tests.workers.test_dispatcher import FailingSource, ListSource
-from workers.backoff import Backoff
+from workers.client import Backoff
 from workers.dispatcher import MOST_FAULTS, Dispatcher
-from workers.executor import Ticket
-from workers.inline import Inline
-from workers.job import CompleteAnswer, CompleteRequest, Ending, HeartbeatAnswer, HeldJob, job_digest
+from workers.executor import Inline, Ticket
+from workers.messages import (
+    CompleteAnswer,
+    CompleteRequest,
+    Ending,
+    Faulty,
+    HeartbeatAnswer,
+    HeldJob,
+    Refused,
+    Unacceptable,
+    Unreachable,
+    job_digest,
+)
 from workers.outbox import Outbox
-from workers.source import Faulty, Refused, Unacceptable, Unreachable
 
 #: More often than a report is tried before it counts as the report's fault.
 MANY = 5 * MOST_FAULTS

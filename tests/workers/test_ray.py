@@ -21,13 +21,11 @@ import pytest
 from tests.workers import fake
 from tests.workers.jobs import hop_job
 from tests.workers.own_ray_cluster import STORIES
-from workers import ray_executor, ray_task
-from workers.executor import ExecutorError, Ticket
-from workers.inline import Inline
-from workers.job import Ending, HopLaws
+from workers import ray_executor, ray_nodes
+from workers.executor import ExecutorError, Inline, Ticket
+from workers.messages import Ending, HopLaws
 from workers.ray_executor import RayCluster, RayExecutor
-from workers.ray_task import Versions
-from workers.ray_token import own_token
+from workers.ray_nodes import Versions, own_token
 
 ROOT = Path(__file__).parents[2]
 
@@ -96,14 +94,14 @@ def test_a_runner_that_raises_is_a_crash_with_its_traceback(executor):
 @pytest.mark.ray
 def test_an_outcome_too_large_for_a_reply_arrives_all_the_same(executor):
     job = hop_job(n_hops=150)
-    assert len(ray_task.packed(fake.run_fake(job))) > 100_000
+    assert len(ray_nodes.packed(fake.run_fake(job))) > 100_000
     executor.submit(Ticket(1, 1), job)
     assert executor.finished(60.0)[0].outcome == fake.run_fake(job)
 
 
 @pytest.mark.ray
 def test_nodes_of_another_version_are_refused(ray_cluster, monkeypatch):
-    other = Versions("3.99", "0.1", ray_task.versions().code)
+    other = Versions("3.99", "0.1", ray_nodes.versions().code)
     monkeypatch.setattr(ray_executor, "versions", lambda: other)
     with pytest.raises(ExecutorError, match=r"expected python 3.99, got 3.*ray 0.1.*the same release"):
         ray_cluster.check()
@@ -111,7 +109,7 @@ def test_nodes_of_another_version_are_refused(ray_cluster, monkeypatch):
 
 @pytest.mark.ray
 def test_a_node_of_another_version_that_came_later_is_refused(executor, monkeypatch):
-    other = ray_task.versions()._replace(code="0+other")
+    other = ray_nodes.versions()._replace(code="0+other")
     monkeypatch.setattr(ray_executor, "versions", lambda: other)
     executor.submit(Ticket(1, 1), hop_job())
     with pytest.raises(ExecutorError, match=r"expected code 0\+other, got .*the same release"):

@@ -6,18 +6,18 @@ from pathlib import Path
 
 import pytest
 
-from workers import ray_folder
-from workers.ray_folder import RayFolder
+from workers import ray_nodes
+from workers.ray_nodes import RayFolder
 
 
 @pytest.fixture
 def parent(tmp_path, monkeypatch):
-    monkeypatch.setattr(ray_folder.tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(ray_nodes.tempfile, "tempdir", str(tmp_path))
     return tmp_path
 
 
 def aged(folder: Path):
-    long_ago = time.time() - 2 * ray_folder.SETTLED_S
+    long_ago = time.time() - 2 * ray_nodes.SETTLED_S
     os.utime(folder, (long_ago, long_ago))
     return folder
 

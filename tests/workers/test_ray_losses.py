@@ -9,9 +9,9 @@ import pytest
 
 from tests.workers.jobs import hop_job
 from workers.executor import ExecutorError, ExecutorLost, Ticket
-from workers.job import Ending
+from workers.messages import Ending
 from workers.ray_executor import RayCluster, RayExecutor
-from workers.ray_watchdog import Watchdog
+from workers.ray_nodes import Watchdog
 
 
 class RayError(Exception):

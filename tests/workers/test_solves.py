@@ -6,10 +6,10 @@ import pytest
 
 from tests.workers.jobs import hop_job
 from workers.executor import Ticket
-from workers.job import Ending, HopLaws, Settings
+from workers.messages import Ending, HopLaws, Settings
 from workers.process_pool import ProcessPool
+from workers.process_tree import THREAD_VARIABLES
 from workers.run import run_job
-from workers.threads import THREAD_VARIABLES
 
 #: The first job of a process may have to compile [s].
 PATIENCE_S = 400.0

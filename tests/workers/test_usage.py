@@ -8,8 +8,8 @@ from tests.workers.fake import run_fake
 from tests.workers.jobs import worker_info
 from tests.workers.test_dispatcher import ListSource
 from workers.dispatcher import Dispatcher
-from workers.inline import Inline
-from workers.usage import Usage
+from workers.executor import Inline
+from workers.process_tree import Usage
 
 
 def test_nothing_is_told_before_it_was_measured():

@@ -13,19 +13,30 @@ from service.bench.machine import machine
 from service.cli.bench import tables
 from service.cli.bench.session import Ledger, Progress, is_cut_short, opened, require_folders, user_errors
 from service.cli.bench.solve import DEFAULTS, CpuSeconds, JsonFile, MaxIterations, Workers
-from workers.bench_cases import DEFAULT_GROUPS, Case, grouped_cases, parsed_cases
-from workers.bench_chain import (
+from workers.measure_chains import (
     ChainPlan,
     SolvedLink,
+    as_fields,
+    by_case,
+    by_group,
     check_mappings,
     n_links,
     solution_of,
     solve_links,
     warm_up,
 )
-from workers.bench_chain_summary import as_fields, by_case, by_group
-from workers.bench_seeds import Solution, distinct, read_solutions, write_solutions
-from workers.bench_solve import GuessPlan, found_seeds
+from workers.measure_solves import (
+    DEFAULT_GROUPS,
+    Case,
+    GuessPlan,
+    Solution,
+    distinct,
+    found_seeds,
+    grouped_cases,
+    parsed_cases,
+    read_solutions,
+    write_solutions,
+)
 
 Seeds = Annotated[
     Path | None,

@@ -39,7 +39,7 @@ def evaluate(
 ) -> None:
     """Time defects and their Jacobian for k = 0, 1, 3, 12 and N = 50, 100, beside SciPy."""
     from core.problem import load_problem
-    from workers.bench_evaluate import bench_evaluate
+    from workers.measure_evaluation import bench_evaluate
 
     with threadpool_limits(1):
         rows = bench_evaluate(load_problem("ppe-drm3"), rng_seed, points, repeats)

@@ -10,9 +10,8 @@ from typing import Any, Protocol, TypeVar
 
 import typer
 
-from workers.bench_jobs import n_compiled_kernels
-from workers.bench_seeds import write_json
 from workers.executor import Executor
+from workers.measure_solves import n_compiled_kernels, write_json
 from workers.process_pool import ProcessPool
 
 Plan = TypeVar("Plan")

@@ -12,9 +12,15 @@ from core.problem import load_problem
 from service.bench.machine import machine
 from service.cli.bench import tables
 from service.cli.bench.session import Ledger, is_cut_short, require_folders, user_errors
-from workers.bench_seeds import write_solutions
-from workers.bench_solve import GuessPlan, SolvedGuess, solution_of, solve_guesses, warm_up
-from workers.bench_summary import summary
+from workers.measure_solves import (
+    GuessPlan,
+    SolvedGuess,
+    solution_of,
+    solve_guesses,
+    summary,
+    warm_up,
+    write_solutions,
+)
 
 DEFAULTS = SolveSettings()
 

@@ -12,7 +12,7 @@ from tests.service.campaigns import submitted
 from tests.service.databases import rows
 from tests.workers.fake import run_fake
 from workers.client import Api, HttpSource
-from workers.job import (
+from workers.messages import (
     ClaimRequest,
     CompleteManyRequest,
     CompleteRequest,
@@ -20,8 +20,8 @@ from workers.job import (
     HeldJob,
     HopJob,
     JobOutcome,
+    StaleAttempt,
 )
-from workers.source import StaleAttempt
 
 JOBS = "/api/v1/jobs"
 INFO = worker_info()

@@ -10,7 +10,7 @@ from service.spec.search_spec import SeedOrder
 from tests.service.campaigns import OUTAGE, spec_fields, submitted
 from tests.workers.fake import run_fake
 from workers.executor import Ticket
-from workers.job import ClaimAnswer, CompleteAnswer, HeartbeatAnswer, JobOutcome
+from workers.messages import ClaimAnswer, CompleteAnswer, HeartbeatAnswer, JobOutcome
 from workers.provenance import code_version
 
 API = "/api/v1"

@@ -11,7 +11,7 @@ from service.auth.request_limits import N_RUNNING, N_WAITING
 from service.coordinator import WebServer, open_port
 from tests.service.campaigns import SPIRAL, spec_fields
 from tests.workers.jobs import worker_info
-from workers.job import ClaimRequest
+from workers.messages import ClaimRequest
 
 #: Thousands of revolutions, which take a minute.
 SLOW = {"preset": "ppe-drm3", "spacecraft": {"max_thrust_n": 0.01}}

@@ -9,7 +9,7 @@ from tests.service.by_hand import worker_info
 from tests.service.campaigns import finish, spec_fields, submitted
 from tests.service.databases import rows
 from tests.workers.fake import run_fake
-from workers.inline import Inline
+from workers.executor import Inline
 
 API = "/api/v1"
 

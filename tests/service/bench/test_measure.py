@@ -10,7 +10,7 @@ from service.bench.probe import percentile_ms
 from service.cli.bench import bench
 from tests.service.campaigns import submitted
 from workers.executor import Ticket
-from workers.job import JobOutcome
+from workers.messages import JobOutcome
 
 
 def test_simulated_outcomes_are_taken_for_real_ones_of_both_kinds(store):

@@ -19,7 +19,7 @@ from service.benchmark.vector_file import read_vector
 from service.benchmark.write import write_set
 from service.cli.options import console
 from service.store.completion import solution_hash
-from workers.bench_seeds import Solution
+from workers.measure_solves import Solution
 
 README = (FOLDER.parent / "README.md").read_text(encoding="utf-8")
 

@@ -10,8 +10,8 @@ from service.bench.machine import machine, revision
 from service.cli.bench import session as bench_session
 from service.cli.bench.session import Progress
 from tests.workers.fake import run_fake
-from workers.bench_seeds import read_solutions
-from workers.inline import Inline
+from workers.executor import Inline
+from workers.measure_solves import read_solutions
 
 MEASURED = {
     "status",

@@ -15,7 +15,7 @@ from service.schemas.job import EventView
 from tests.service.campaigns import finish, spec_fields, submitted
 from tests.workers.fake import run_broken
 from tests.workers.jobs import worker_info
-from workers.inline import Inline
+from workers.executor import Inline
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from service.auth.network import Access
 from service.coordinator import WebServer, connections, open_port
 from tests.service.campaigns import submitted
 from tests.workers.jobs import worker_info
-from workers.job import ClaimRequest
+from workers.messages import ClaimRequest
 
 CLAIM = ClaimRequest(worker=worker_info("test", slots=1), n_jobs=1).model_dump(mode="json")
 

@@ -24,8 +24,7 @@ from tests.service.fake_coastarc import LEASE
 from tests.workers.jobs import worker_info
 from workers.client import Api, HttpSource
 from workers.dispatch import CANNOT_WORK, DispatchOrder, ExecutorKind
-from workers.job import ClaimRequest
-from workers.source import Refused
+from workers.messages import ClaimRequest, Refused
 
 SLOW = "tests.workers.fake:run_slowly"
 #: Long enough for a heartbeat on a busy machine, short enough to be waited for.

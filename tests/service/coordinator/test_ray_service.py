@@ -16,7 +16,7 @@ from service.client import Client, ClientError
 from tests.service.campaigns import spec_fields
 from tests.service.coordinator.test_dispatch import LEASES, wait_for
 from tests.service.fake_coastarc import LEASE
-from workers.family import kill
+from workers.process_tree import kill
 
 ROOT = Path(__file__).parents[3]
 #: What the project promises [s].

@@ -19,7 +19,7 @@ from service.store.filters import Filter
 from tests.acceptance import known
 from tests.service.campaigns import dispatcher_on, finish, submitted
 from tests.service.databases import needs_postgres
-from workers.inline import Inline
+from workers.executor import Inline
 from workers.run import run_job
 
 API = "/api/v1"

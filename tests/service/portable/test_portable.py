@@ -28,7 +28,7 @@ from tests.service.databases import needs_postgres, rows
 from tests.service.portable.made import certificate_on, elsewhere, everything, found, work_to_the_end, written
 from tests.service.portable.test_refused import CAMPAIGN, forged
 from tests.service.store.test_seeds_elsewhere import run_in_vain
-from workers.inline import Inline
+from workers.executor import Inline
 
 
 def test_another_archive_gets_the_same_hashes_solutions_and_seeds(origin, files, store):

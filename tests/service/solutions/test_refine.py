@@ -21,7 +21,7 @@ from service.store.filters import Filter
 from service.store.seeds import SeedsWanted
 from tests.acceptance.known import SPEC, run_known
 from tests.service.campaigns import finish, spec_fields, submitted
-from workers.inline import Inline
+from workers.executor import Inline
 from workers.run import run_job
 
 LIMITS = {"max_iterations": 60}

@@ -13,8 +13,8 @@ from service.store.filters import Filter
 from tests.acceptance.known import SPEC, VECTORS
 from tests.service.campaigns import dispatcher_on, finish, spec_fields, submitted
 from tests.workers.fake import PROVENANCE, run_fake
-from workers.inline import Inline
-from workers.job import Ending, HopJob, JobOutcome
+from workers.executor import Inline
+from workers.messages import Ending, HopJob, JobOutcome
 from workers.run import run_job
 
 API = "/api/v1"

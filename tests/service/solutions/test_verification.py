@@ -23,7 +23,7 @@ from service.store import Store
 from service.store.filters import Filter
 from tests.acceptance.known import OUTAGE, SPEC, run_known
 from tests.service.campaigns import finish, spec_fields
-from workers.inline import Inline
+from workers.executor import Inline
 
 needs_heyoka = pytest.mark.skipif(
     find_spec("heyoka") is None, reason="heyoka is an extra: pip install -c constraints.txt -e '.[heyoka]'"

@@ -19,7 +19,7 @@ from tests.service.clock import Clock
 from tests.service.databases import needs_postgres
 from tests.workers.fake import record, run_fake
 from workers.executor import Ticket
-from workers.job import Ending, JobOutcome
+from workers.messages import Ending, JobOutcome
 
 BOTH = pytest.mark.parametrize(
     "store", ["sqlite", pytest.param("postgresql", marks=needs_postgres)], indirect=True

@@ -11,7 +11,7 @@ from service.store.scatter import front
 from tests.service.campaigns import finish, spec_fields, submitted
 from tests.service.databases import needs_postgres
 from tests.workers.fake import run_fake
-from workers.inline import Inline
+from workers.executor import Inline
 
 API = "/api/v1"
 SEARCHES = [

@@ -11,7 +11,7 @@ from service.store import UnknownRow
 from service.store.filters import Filter
 from tests.service.campaigns import finish, submitted
 from tests.service.databases import needs_postgres
-from workers.certificate import CertificateDocument
+from workers.certify import CertificateDocument
 
 KINDS = ["sqlite", pytest.param("postgresql", marks=needs_postgres)]
 EXAMPLE = CertificateDocument.model_validate(EXAMPLES[CertificateDocument])

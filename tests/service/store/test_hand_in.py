@@ -19,7 +19,7 @@ from tests.workers.fake import run_fake
 from workers.dispatch import ExecutorKind
 from workers.dispatcher import StaleAttempt
 from workers.executor import Ticket
-from workers.job import ChainPart, ChainPlace, CompleteRequest, Ending, HandInRequest, JobOutcome
+from workers.messages import ChainPart, ChainPlace, CompleteRequest, Ending, HandInRequest, JobOutcome
 
 N_HOPS = 10
 HANDING_IN = "tests.workers.fake:run_handing_in"

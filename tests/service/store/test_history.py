@@ -12,7 +12,7 @@ from service.store.campaign_history import MOST_BINS, OutcomeBins, Step
 from service.store.campaigns import sparkline
 from tests.service.campaigns import dispatcher_on, finish, spec_fields
 from tests.workers.fake import run_fake
-from workers.inline import Inline
+from workers.executor import Inline
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from tests.service.clock import Clock
 from tests.workers.fake import run_fake
 from workers.dispatcher import StaleAttempt
 from workers.executor import Ticket
-from workers.job import Ending, HeldJob, JobOutcome, WorkerInfo, job_digest
+from workers.messages import Ending, HeldJob, JobOutcome, WorkerInfo, job_digest
 from workers.provenance import code_version
 
 CRASH = JobOutcome(ending=Ending.CRASH)

@@ -28,8 +28,8 @@ from tests.service.db.test_engine import limit_pages
 from tests.workers.fake import run_fake
 from workers.client import Api, HttpSource
 from workers.dispatcher import Dispatcher
-from workers.inline import Inline
-from workers.job import ClaimAnswer, ClaimRequest, CompleteRequest
+from workers.executor import Inline
+from workers.messages import ClaimAnswer, ClaimRequest, CompleteRequest
 
 MOMENTS = pytest.mark.parametrize("moment", list(Moment))
 

@@ -8,7 +8,7 @@ from tests.service.databases import rows
 from tests.workers.fake import run_fake
 from workers.dispatcher import StaleAttempt
 from workers.executor import Ticket
-from workers.job import CompleteManyRequest, CompleteRequest
+from workers.messages import CompleteManyRequest, CompleteRequest
 
 
 def claimed(store, n_jobs):

@@ -12,7 +12,7 @@ from core.nlp.feasibility import FINE_TOLERANCE
 from service.store.solutions import Filter
 from tests.service.campaigns import OUTAGE, finish, spec_fields, submitted
 from workers import run
-from workers.inline import Inline
+from workers.executor import Inline
 
 SEED = np.array(json.loads((Path(__file__).parents[1] / "data" / "strict_p0.json").read_text())["x"])
 

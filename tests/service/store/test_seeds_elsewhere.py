@@ -6,8 +6,8 @@ from service.spec import SpecError
 from service.store import StoreError
 from tests.service.campaigns import OUTAGE, finish, spec_fields, submitted
 from tests.workers.fake import PROVENANCE, record
-from workers.inline import Inline
-from workers.job import Ending, JobOutcome
+from workers.executor import Inline
+from workers.messages import Ending, JobOutcome
 
 
 def searches(store, campaign_id=1):

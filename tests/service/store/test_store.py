@@ -15,7 +15,7 @@ from tests.service.clock import Clock
 from tests.workers.fake import PROVENANCE, run_fake
 from workers.dispatcher import StaleAttempt
 from workers.executor import Ticket
-from workers.job import Ending, JobOutcome, MapJob
+from workers.messages import Ending, JobOutcome, MapJob
 from workers.process_pool import ProcessPool
 
 

@@ -23,7 +23,7 @@ from tests.service.clock import Clock
 from tests.workers.fake import run_fake
 from workers.dispatcher import StaleAttempt
 from workers.executor import Ticket
-from workers.job import RESULTS, Ending, JobOutcome
+from workers.messages import RESULTS, Ending, JobOutcome
 
 WORKERS = st.sampled_from(["local:a", "node7:1", "node8:1"])
 SEARCHES = st.sampled_from(["s0", "s1-0", "s2-1"])
