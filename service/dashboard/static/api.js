@@ -14,9 +14,7 @@ export class ApiError extends Error {
   }
 }
 
-/**
- * @typedef {Record<string, string | number | boolean | null | undefined>} Query
- */
+/** @typedef {Record<string, string | number | boolean | null | undefined>} Query */
 
 /**
  * Return the address of a route; what is null or undefined is left out.

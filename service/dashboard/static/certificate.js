@@ -3,21 +3,13 @@
 import { el, fill } from "./dom.js";
 import { epoch, number, small } from "./format.js";
 
-/**
- * @typedef {{ body: string, altitude_km: number, epoch: string, days: number }} Approach
- * @typedef {{ arrival_miss: (number | null)[], failure: string }} Through
- * @typedef {{ wet: number, spiral: number, departure: number, before_outage: number, segments: number, arrival: number, spare: number }} Mass
- * @typedef {{ name: string, position_km: number | null, closest: Approach[], through: Through, mass: Mass }} Flown
- * @typedef {{ integrator: string, trajectories: { apart: (number | null)[] }[] }} Third
- * @typedef {{ third?: Third, level: string, is_sound: boolean, min_altitude_km: number, min_altitudes_km?: Record<string, number>, is_marginal?: boolean, marks: string[], failure: string, trajectories: Flown[] }} Content
- * @typedef {{ content: Content, hash: string, made_at: string, made_on: string, checked_at: string, is_from_elsewhere?: boolean }} Certificate
- */
+/** @import { CertificateContent, CertificateDocument, CertifiedApproach, CertifiedTrajectory } from "../types" */
 
 const HEAD = ["Trajectory", "Miss at arrival", "Lowest over the Earth", "Lowest over the Moon", "Propellant", "Arrives with"];
 
 /**
  * @param {HTMLElement} place
- * @param {Certificate | null} found
+ * @param {CertificateDocument | null} found
  * @param {string} id
  */
 export function showCertificate(place, found, id) {
@@ -36,13 +28,13 @@ export function showCertificate(place, found, id) {
   );
 }
 
-/** @param {Content} content */
+/** @param {CertificateContent} content */
 function pill(content) {
   const kind = content.is_sound ? content.level : "none";
   return el("span", { class: "pill", "data-verdict": kind }, `${content.is_sound ? `sound, ${content.level}` : "not sound"}${content.is_marginal ? ", marginal" : ""}`);
 }
 
-/** @param {Certificate} found */
+/** @param {CertificateDocument} found */
 function words(found) {
   const { min_altitude_km: least, min_altitudes_km: each } = found.content;
   const limits = Object.entries(each ?? {}).map(([body, km]) => `${number(km, 0, "km")} over the ${body}`);
@@ -55,21 +47,21 @@ function words(found) {
   );
 }
 
-/** @param {Content} content */
+/** @param {CertificateContent} content */
 function third({ third }) {
   if (!third) return "";
   const apart = third.trajectories.map((flown) => flown.apart[0] ?? Infinity);
   return ` ${third.integrator} flies at most ${small(Math.max(...apart), "km")} beside.`;
 }
 
-/** @param {Flown[]} trajectories */
+/** @param {CertifiedTrajectory[]} trajectories */
 function table(trajectories) {
   const head = el("thead", {}, el("tr", {}, HEAD.map((text, i) => el("th", { scope: "col", class: i ? "number" : null }, text))));
   const caption = el("caption", { class: "visually-hidden" }, "What the flight of each trajectory found");
   return el("table", {}, caption, head, el("tbody", {}, trajectories.map(row)));
 }
 
-/** @param {Flown} flown */
+/** @param {CertifiedTrajectory} flown */
 function row(flown) {
   const { mass, through } = flown;
   const miss = through.failure || small(through.arrival_miss[0], "km");
@@ -84,7 +76,7 @@ function row(flown) {
   );
 }
 
-/** @param {Approach | undefined} approach */
+/** @param {CertifiedApproach | undefined} approach */
 function lowest(approach) {
   if (!approach) return el("td", { class: "number" }, "–");
   return el("td", { class: "number", title: epoch(approach.epoch) }, number(approach.altitude_km, 0, "km"));

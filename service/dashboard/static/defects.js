@@ -1,12 +1,12 @@
 /** Defects at the matchpoints, as solved and as verified: a table, and a picture against the tolerances. */
 
 import { el, fill, svg } from "./dom.js";
+import { SvgFigure } from "./figures.js";
 import { nameOf } from "./flight.js";
 import { small } from "./format.js";
-import { SvgFigure } from "./svg_figure.js";
 import { colour } from "./theme.js";
 
-/** @typedef {{ defects_solved: (number | null)[][], defects_verified: (number | null)[][] }} Judged */
+/** @import { RecordInFull } from "../types" */
 
 /** Tolerances of docs/method.md: position [km], velocity [km/s], mass [kg]. */
 const STRICT = [0.1, 1e-4, 0.01];
@@ -21,7 +21,7 @@ const ROW_PX = 17;
 
 /**
  * @param {HTMLElement} place
- * @param {Judged} judged
+ * @param {RecordInFull} judged
  */
 export function showDefectTable(place, judged) {
   const rows = judged.defects_verified.flatMap((_, i) => {
@@ -50,7 +50,7 @@ export class DefectFigure {
     this.figure = new SvgFigure(place, "Defects against tolerances");
   }
 
-  /** @param {Judged} judged */
+  /** @param {RecordInFull} judged */
   show(judged) {
     this.figure.show(
       (width) => drawing(judged, width),
@@ -60,7 +60,7 @@ export class DefectFigure {
 }
 
 /**
- * @param {Judged} judged
+ * @param {RecordInFull} judged
  * @param {number} width
  */
 function drawing(judged, width) {
@@ -80,7 +80,7 @@ function drawing(judged, width) {
 }
 
 /**
- * @param {Judged} judged
+ * @param {RecordInFull} judged
  * @param {number} i
  * @param {number} left
  * @param {(ratio: number) => number} x

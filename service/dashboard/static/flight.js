@@ -3,12 +3,13 @@
 import { number } from "./format.js";
 import { colour } from "./theme.js";
 
+/** @import { OutageView } from "../types" */
+
 /**
- * @typedef {{ segment: number, duration_days: number }} Outage
  * @typedef {{ kind: "coast" | "thrust" | "outage", segment: number, first: number, stop: number, throttle: number,
  *   in_plane_rad: number, out_of_plane_rad: number }} Arc
  * @typedef {{ days: number[], inertial_km: number[][], rotating_km: number[][], moon_km: number[][] }} Track
- * @typedef {Track & { outage: Outage | null, arcs: Arc[], matchpoint: number, speed_km_s: number[], mass_kg: number[] }} Trajectory
+ * @typedef {Track & { outage: OutageView | null, arcs: Arc[], matchpoint: number, speed_km_s: number[], mass_kg: number[] }} Trajectory
  * @typedef {{ trajectories: Trajectory[], moon: Track, target: Track, n_samples: number }} Flight
  * @typedef {"rotating" | "inertial" | "moon"} Frame
  * @typedef {[number | null, number | null, number | null]} Point

@@ -1,10 +1,8 @@
 /** Positions in all frames from those in the inertial one: what a page need not be sent. */
 
-/**
- * @typedef {import("./flight.js").Flight} Flight
- * @typedef {import("./flight.js").Track} Track
- * @typedef {[number[], number[]]} State  position [km] and velocity [km/d]
- */
+/** @import { Flight, Track } from "./flight.js" */
+
+/** @typedef {[number[], number[]]} State  position [km] and velocity [km/d] */
 
 /** Mean distance of the Moon, to which the rotating frame is scaled [km]. */
 const MOON_KM = 384_400;

@@ -1,27 +1,12 @@
-/** The figures of a campaign: how it came to what it has found. */
+/** How a campaign came to what it has found: figures, and the matrix of seed chains. */
 
-import { Figure } from "./figure.js";
-import { duration, number } from "./format.js";
-import { OUTCOMES } from "./outcomes.js";
-import { axis } from "./plots.js";
-import { lookOf } from "./strategies.js";
+import { el, fill } from "./dom.js";
+import { axis, Figure } from "./figures.js";
+import { duration, NONE, number, percent } from "./format.js";
+import { lookOf, OUTCOMES } from "./looks.js";
 import { colour } from "./theme.js";
 
-/**
- * @typedef {{ value: number | null, low: number, high: number }} Ratio
- * @typedef {{
- *   strategy: string, n_solves: number, n_paper: number, n_strict: number, paper_ratio: Ratio, strict_ratio: Ratio,
- *   core_hours: number, steps: { core_hours: number, delta_v_km_s: number, solution_id: string }[],
- * }} Strategy
- * @typedef {{
- *   strategy: string, duration_days: number | null, n_solutions: number, least_km_s: number, lower_quartile_km_s: number,
- *   median_km_s: number, upper_quartile_km_s: number, greatest_km_s: number, sample_km_s: number[],
- * }} Box
- * @typedef {{
- *   n_solves: number, n_read: number, outcomes: { width_seconds: number } & Record<import("./outcomes.js").Outcome, number[]>,
- *   strategies: Strategy[], chains: import("./chains.js").Chain[], delta_v: Box[],
- * }} History
- */
+/** @import { BoxView, ChainView, HistoryView, RatioView, StrategyView } from "../types" */
 
 /** Below this share ratios are drawn on a logarithmic axis. */
 const RARE = 0.01;
@@ -35,7 +20,7 @@ export class BestSoFar {
     this.figure = new Figure(place, "Best Δv so far");
   }
 
-  /** @param {History} history */
+  /** @param {HistoryView} history */
   async show(history) {
     const found = history.strategies.filter((one) => one.steps.length > 0);
     if (found.length === 0) return this.figure.empty("No strict solution yet: the first one starts a line here.");
@@ -45,22 +30,13 @@ export class BestSoFar {
     const layout = { xaxis: x, yaxis: axis("Best Δv [km/s]", { range }), showlegend: true, hovermode: "closest" };
     const above = isCut ? `First solutions above ${number(range[1], 2, "km/s")} are not shown. ` : "";
     await this.figure.show(traces, layout, `${above}Strict solutions; hours of failures are counted, those of the seeds are not. A mark opens its solution.`);
-    this.follow();
-  }
-
-  follow() {
-    const plot = /** @type {any} */ (this.figure.plot);
-    plot.removeAllListeners("plotly_click");
-    plot.on("plotly_click", (/** @type {any} */ event) => {
-      const id = event.points[0]?.customdata;
-      if (id) window.location.assign(`/solutions/${id}`);
-    });
+    this.figure.linkMarks();
   }
 }
 
 /**
  * Return a range in which improvements can be told apart, though the first solutions are far worse.
- * @param {Strategy[]} found
+ * @param {StrategyView[]} found
  * @returns {[[number, number], boolean]} the range, and whether something lies above it
  */
 function bestRange(found) {
@@ -72,7 +48,7 @@ function bestRange(found) {
   return [[least - edge, top + edge], top < greatest];
 }
 
-/** @param {Strategy} one */
+/** @param {StrategyView} one */
 function bestTrace(one) {
   const { color, symbol, dash } = lookOf(one.strategy);
   const last = one.steps[one.steps.length - 1];
@@ -97,7 +73,7 @@ export class OutcomeMix {
     this.figure = new Figure(place, "Outcomes over time");
   }
 
-  /** @param {History} history */
+  /** @param {HistoryView} history */
   async show({ outcomes }) {
     const n = outcomes.strict.length;
     if (n === 0) return this.figure.empty("No guess has been solved yet. If this lasts, look at whether a worker is connected.");
@@ -126,7 +102,7 @@ export class Feasibility {
     this.figure = new Figure(place, "Feasibility by strategy");
   }
 
-  /** @param {History} history */
+  /** @param {HistoryView} history */
   async show({ strategies }) {
     if (strategies.length === 0) return this.figure.empty("No guess has been solved yet; each strategy gets a point with its interval.");
     const isRare = strategies.some(({ strict_ratio: { value } }) => value !== null && value > 0 && value < RARE);
@@ -140,9 +116,9 @@ export class Feasibility {
 }
 
 /**
- * @param {Strategy[]} strategies
+ * @param {StrategyView[]} strategies
  * @param {"strict" | "paper"} level
- * @param {(one: Strategy) => Ratio} ratioOf
+ * @param {(one: StrategyView) => RatioView} ratioOf
  * @param {number} shift
  */
 function ratioTrace(strategies, level, ratioOf, shift) {
@@ -177,7 +153,7 @@ export class Boxes {
     this.figure = new Figure(place, "Δv by strategy and duration of outages");
   }
 
-  /** @param {History} history */
+  /** @param {HistoryView} history */
   async show({ delta_v: boxes }) {
     if (boxes.length === 0) return this.figure.empty("No strict solution yet; each strategy and duration gets a box.");
     const places = boxPlaces(boxes);
@@ -201,21 +177,21 @@ export class Boxes {
 
 /**
  * Return where each box stands: with a gap between strategies.
- * @param {Box[]} boxes
+ * @param {BoxView[]} boxes
  */
 function boxPlaces(boxes) {
   let place = 0;
   return boxes.map(({ strategy }, i) => (place += i > 0 ? (boxes[i - 1].strategy === strategy ? 1 : 1.8) : 0));
 }
 
-/** @param {Box} box */
+/** @param {BoxView} box */
 function durationText({ duration_days: days }) {
   return days === null ? "mixed" : days === 0 ? "none" : number(days, days % 1 ? 1 : 0);
 }
 
 /**
  * @param {string} strategy
- * @param {Box[]} boxes
+ * @param {BoxView[]} boxes
  * @param {number[]} places
  */
 function boxTrace(strategy, boxes, places) {
@@ -240,4 +216,44 @@ function boxTrace(strategy, boxes, places) {
     marker: { color, size: 3, opacity: 0.55 },
     hoverinfo: "y",
   };
+}
+
+/**
+ * @param {HTMLElement} place
+ * @param {ChainView[]} chains
+ */
+export function showChains(place, chains) {
+  if (chains.length === 0) {
+    fill(place, el("p", { class: "empty" }, "No guess has been solved yet; the matrix fills as solves come in."));
+    return;
+  }
+  const columns = [...new Set(chains.map(({ k }) => k))].sort((a, b) => a - b);
+  const rows = [...new Set(chains.map(({ seed_k }) => seed_k))].sort((a, b) => (a ?? -1) - (b ?? -1));
+  const cellOf = (/** @type {number | null} */ seedK, /** @type {number} */ k) => chains.find((one) => one.seed_k === seedK && one.k === k);
+  fill(
+    place,
+    el(
+      "table",
+      { class: "chains" },
+      el("caption", { class: "visually-hidden" }, "Yield of strict solutions by number of outages of seed and of problem"),
+      el("thead", {}, el("tr", {}, el("th", { scope: "col" }, "Guesses from"), columns.map((k) => el("th", { scope: "col" }, `for k = ${k}`)))),
+      el("tbody", {}, rows.map((seedK) => el("tr", {}, el("th", { scope: "row" }, seedK === null ? "drawn" : `seeds of k′ = ${seedK}`), columns.map((k) => cell(cellOf(seedK, k)))))),
+    ),
+  );
+}
+
+/** @param {ChainView | undefined} chain */
+function cell(chain) {
+  if (!chain) return el("td", { class: "none" }, el("span", { class: "muted" }, NONE));
+  const share = chain.strict_ratio.value ?? 0;
+  const used = chain.seed_k === null ? `${number(chain.n_solves, 0)} drawn` : `${number(chain.n_seeds, 0)} seeds, ${number(chain.n_solves, 0)} solves`;
+  const cost = chain.core_seconds_per_strict;
+  const title = `95 % interval ${percent(chain.strict_ratio.low)} to ${percent(chain.strict_ratio.high)}`;
+  return el(
+    "td",
+    { style: `--shade:${Math.round(45 * share)}%`, "data-chain": `${chain.seed_k ?? "drawn"}-${chain.k}`, title },
+    el("strong", {}, percent(share)),
+    el("span", {}, used),
+    el("span", {}, cost === null ? "no solution yet" : `${number(cost, cost < 100 ? 1 : 0, "core-s")} a solution`),
+  );
 }

@@ -1,14 +1,18 @@
 /** All solves of a search as marks: a row for each chain or seed, a column for each hop or case. */
 
 import { el, fill, svg } from "./dom.js";
+import { SvgFigure } from "./figures.js";
 import { number, small } from "./format.js";
-import { colourOf, isFeasible, legend, mark, ROLES } from "./hop_shapes.js";
-import { OUTCOMES } from "./outcomes.js";
+import { colourOf, isFeasible, OUTCOMES } from "./looks.js";
 import { outcomeOf, roleOf } from "./solves.js";
-import { SvgFigure } from "./svg_figure.js";
 import { colour } from "./theme.js";
 
-/** @typedef {import("./solves.js").Solve} Solve */
+/**
+ * @import { Child } from "./dom.js"
+ * @import { Outcome } from "./looks.js"
+ * @import { Solve } from "./solves.js"
+ */
+
 /** @typedef {{ label: string, cells: { column: number, solve: Solve }[] }} Row */
 /** @typedef {{ rows: Row[], heads: string[], about: string }} Sheet  `heads` are those of the columns, "" where one is left out */
 
@@ -76,7 +80,7 @@ export class HopGrid {
 
 /**
  * @param {Solve} solve
- * @returns {import("./dom.js").Child[]}
+ * @returns {Child[]}
  */
 function words(solve) {
   const outcome = OUTCOMES.find(({ key }) => key === outcomeOf(solve))?.words ?? "";
@@ -195,4 +199,65 @@ function shown(solve, x, y, r) {
   const room = svg("rect", { x: x - 1.35 * r, y: y - 1.35 * r, width: 2.7 * r, height: 2.7 * r, fill: "transparent" });
   const href = solve.solution_id && `/solutions/${solve.solution_id}`;
   return svg(href ? "a" : "g", { href, "data-solve": solve.id, tabindex: -1, role: href ? null : "img", "aria-label": `${ROLES[roleOf(solve)]}, ${outcome}` }, room, drawn);
+}
+
+/** @typedef {"start" | "accepted" | "rejected" | "restarted" | "mapped"} Role */
+
+/** What the roles are called in legends. */
+export const ROLES = /** @type {Record<Role, string>} */ ({
+  start: "fresh start",
+  accepted: "hop accepted",
+  rejected: "hop rejected",
+  restarted: "rejected, then restarted",
+  mapped: "mapped seed",
+});
+/** Room for a letter of a legend [px]. */
+const LETTER_PX = 6.6;
+const LINE_PX = 20;
+
+/**
+ * Return a mark.
+ * @param {Role} role
+ * @param {{ paint: string, isFilled: boolean }} how
+ * @param {number} x
+ * @param {number} y
+ * @param {number} r half its width
+ */
+export function mark(role, { paint, isFilled }, x, y, r) {
+  const thin = Math.max(1.2, r * 0.28);
+  const look = { fill: isFilled ? paint : "none", stroke: paint, "stroke-width": thin, "stroke-linejoin": "round" };
+  if (role === "start") return svg("rect", { ...look, x: x - 0.9 * r, y: y - 0.9 * r, width: 1.8 * r, height: 1.8 * r });
+  if (role === "rejected") {
+    const d = 0.8 * r;
+    const path = `M${x - d} ${y - d}L${x + d} ${y + d}M${x - d} ${y + d}L${x + d} ${y - d}`;
+    return svg("path", { ...look, fill: "none", d: path, "stroke-width": isFilled ? r * 0.62 : thin, "stroke-linecap": "round" });
+  }
+  if (role === "restarted") return svg("path", { ...look, d: `M${x - r} ${y - 0.8 * r}L${x + r} ${y - 0.8 * r}L${x} ${y + r}Z` });
+  return svg("circle", { ...look, cx: x, cy: y, r });
+}
+
+/**
+ * Return a legend of the roles and outcomes that occur, and its height.
+ * @param {Set<Role>} roles
+ * @param {Set<Outcome>} outcomes
+ * @param {number} width
+ */
+export function legend(roles, outcomes, width) {
+  const plain = { paint: colour("muted"), isFilled: true };
+  /** @type {[Role, { paint: string, isFilled: boolean }, string][]} */
+  const entries = [];
+  for (const role of /** @type {Role[]} */ (Object.keys(ROLES))) if (roles.has(role) && roles.size > 1) entries.push([role, plain, ROLES[role]]);
+  for (const { key, words } of OUTCOMES) {
+    if (outcomes.has(key)) entries.push(["mapped", { paint: colourOf(key), isFilled: isFeasible(key) }, words]);
+  }
+  /** @type {SVGElement[]} */
+  const content = [];
+  let [x, y] = [8, 10];
+  for (const [role, how, words] of entries) {
+    const room = 30 + words.length * LETTER_PX;
+    if (x > 8 && x + room > width) [x, y] = [8, y + LINE_PX];
+    content.push(mark(role, how, x, y, 5), svg("text", { x: x + 11, y: y + 4, fill: colour("muted") }, words));
+    x += room;
+  }
+  return { content, height: y + LINE_PX };
 }

@@ -1,16 +1,13 @@
 /** The laws of a search in words, and how far its hops reach. */
 
+import { axis, Figure } from "./figures.js";
 import { NONE, number, small } from "./format.js";
-import { Figure } from "./figure.js";
-import { axis } from "./plots.js";
 import { decades, lines, middle } from "./solve_figures.js";
 import { colour } from "./theme.js";
 
 /**
- * @typedef {{
- *   guess_law: string, hop_law: string, width: number, shape: number | null, adaptive: boolean,
- *   width_range: [number, number] | null, time_hop_probability: number, max_failures: number,
- * }} Laws
+ * @import { Solve } from "./solves.js"
+ * @import { LawsView } from "../types"
  */
 
 const GUESSES = /** @type {Record<string, string>} */ ({
@@ -28,7 +25,7 @@ const N_POINTS = 160;
 
 /**
  * Return the laws as names and values.
- * @param {Laws} laws
+ * @param {LawsView} laws
  * @param {number} hops
  * @returns {[string, string][]}
  */
@@ -51,8 +48,8 @@ export function lawFacts(laws, hops) {
 /** Adaptive widths by hop; of a law that stays as it is, how often a hop reaches how far. */
 export class ReachFigure extends Figure {
   /**
-   * @param {import("./solves.js").Solve[]} solves
-   * @param {Laws} laws
+   * @param {Solve[]} solves
+   * @param {LawsView} laws
    * @param {number} hops
    * @param {string} caption
    */
@@ -61,8 +58,8 @@ export class ReachFigure extends Figure {
     if (!laws.adaptive) return this.reach(laws);
     const known = solves.filter(({ width }) => width !== null);
     if (known.length === 0) return this.empty("No hop yet: the first solve of a chain starts afresh.");
-    const value = (/** @type {import("./solves.js").Solve} */ solve) => solve.width ?? 0;
-    const at = (/** @type {import("./solves.js").Solve} */ solve) => solve.hop + 1;
+    const value = (/** @type {Solve} */ solve) => solve.width ?? 0;
+    const at = (/** @type {Solve} */ solve) => solve.hop + 1;
     const last = middle(known, value);
     return this.show(
       [{ ...lines(known, at, value), line: { color: colour("reference"), width: 1 }, opacity: 0.5 }, last],
@@ -71,7 +68,7 @@ export class ReachFigure extends Figure {
     );
   }
 
-  /** @param {Laws} laws */
+  /** @param {LawsView} laws */
   reach({ hop_law: law, width, shape }) {
     const s = Array.from({ length: N_POINTS }, (_, i) => width * 10 ** (-2 + (i * Math.max(3, Math.log10(1 / width) + 2.05)) / N_POINTS));
     const chance = s.map((step) => TAILS[law]?.(step / width, shape ?? 1) ?? 0);

@@ -1,19 +1,17 @@
 /** Jobs of one state, page by page: what runs can be stopped, what was given up can be tried again. */
 
 import { get, post } from "./api.js";
-import { confirm } from "./dialog.js";
+import { askRequeue, confirm } from "./controls.js";
 import { el, fill } from "./dom.js";
 import { date, duration, NONE, number, shortId } from "./format.js";
 import { Table } from "./table.js";
 
 /**
- * @typedef {{
- *   id: number, campaign_id: number, search: string, kind: string, state: string, attempt: number, n_failures: number,
- *   not_before: string | null, worker: string | null, lease_until: string | null, is_cancelling: boolean, ending: string | null,
- *   error: string | null, n_hops: number, seed_id: string | null, created_at: string, updated_at: string,
- * }} Job
- * @typedef {"running" | "queued" | "dead"} State
+ * @import { Column } from "./table.js"
+ * @import { AttemptDetail, JobView } from "../types"
  */
+
+/** @typedef {"running" | "queued" | "dead"} State */
 
 /** Jobs that are asked for at once, and shown at most. */
 const PAGE = 50;
@@ -36,10 +34,10 @@ export class JobTable {
     this.limit = PAGE;
     this.now = Date.now();
     this.leaseS = 30;
-    this.maySteer = false;
-    /** Attempts at the jobs whose errors are open, by job. @type {Map<number, any[]>} */
+    this.mayChange = false;
+    /** Attempts at the jobs whose errors are open, by job. @type {Map<number, AttemptDetail[]>} */
     this.opened = new Map();
-    /** @type {Table<Job> | undefined} */
+    /** @type {Table<JobView> | undefined} */
     this.table = undefined;
   }
 
@@ -59,7 +57,7 @@ export class JobTable {
    */
   async refresh(now) {
     this.now = now;
-    /** @type {Job[]} */
+    /** @type {JobView[]} */
     const jobs = [];
     /** @type {number | null} */
     let after = 0;
@@ -88,10 +86,10 @@ export class JobTable {
     await this.refresh(this.now);
   }
 
-  /** @returns {import("./table.js").Column<Job>[]} */
+  /** @returns {Column<JobView>[]} */
   columns() {
-    const search = (/** @type {Job} */ job) => el("a", { href: `/campaigns/${job.campaign_id}/searches/${encodeURIComponent(job.search)}` }, job.search);
-    /** @type {import("./table.js").Column<Job>[]} */
+    const search = (/** @type {JobView} */ job) => el("a", { href: `/campaigns/${job.campaign_id}/searches/${encodeURIComponent(job.search)}` }, job.search);
+    /** @type {Column<JobView>[]} */
     const shared = [
       { key: "id", title: "Job", cell: (job) => number(job.id, 0) },
       { key: "search", title: "Search", cell: search },
@@ -101,11 +99,11 @@ export class JobTable {
     return [...shared, ...own[this.state]()];
   }
 
-  /** @returns {import("./table.js").Column<Job>[]} */
+  /** @returns {Column<JobView>[]} */
   running() {
     const since = (/** @type {string} */ moment) => duration((this.now - Date.parse(moment)) / 1000);
     // The lease was given, or renewed, one lease before it ends.
-    const age = (/** @type {Job} */ job) => (job.lease_until ? duration(this.leaseS - (Date.parse(job.lease_until) - this.now) / 1000) : NONE);
+    const age = (/** @type {JobView} */ job) => (job.lease_until ? duration(this.leaseS - (Date.parse(job.lease_until) - this.now) / 1000) : NONE);
     return [
       { key: "worker", title: "Worker", minor: true, cell: (job) => job.worker },
       { key: "attempt", title: "Attempt", numeric: true, minor: true, cell: (job) => number(job.attempt, 0) },
@@ -115,7 +113,7 @@ export class JobTable {
     ];
   }
 
-  /** @returns {import("./table.js").Column<Job>[]} */
+  /** @returns {Column<JobView>[]} */
   queued() {
     return [
       { key: "since", title: "Waiting for", numeric: true, cell: (job) => duration((this.now - Date.parse(job.updated_at)) / 1000) },
@@ -125,17 +123,17 @@ export class JobTable {
     ];
   }
 
-  /** @returns {import("./table.js").Column<Job>[]} */
+  /** @returns {Column<JobView>[]} */
   dead() {
     return [
       { key: "attempt", title: "Attempts", numeric: true, minor: true, cell: (job) => number(job.attempt, 0) },
       { key: "when", title: "Given up", minor: true, cell: (job) => date(job.updated_at) },
       { key: "error", title: "What went wrong", cell: (job) => this.error(job) },
-      { key: "do", title: "", cell: (job) => this.button(job, "requeue", "Requeue", false, () => this.askRequeue(job)) },
+      { key: "do", title: "", cell: (job) => this.button(job, "requeue", "Requeue", false, () => askRequeue(job, this.onChanged)) },
     ];
   }
 
-  /** @param {Job} job */
+  /** @param {JobView} job */
   error(job) {
     const attempts = this.opened.get(job.id);
     const words = job.error ?? job.ending ?? NONE;
@@ -144,7 +142,7 @@ export class JobTable {
     return el("div", {}, button, attempts?.map(attemptWords));
   }
 
-  /** @param {Job} job */
+  /** @param {JobView} job */
   async toggle(job) {
     if (this.opened.has(job.id)) this.opened.delete(job.id);
     else this.opened.set(job.id, (await get(`/jobs/${job.id}/attempts`)).items);
@@ -152,26 +150,20 @@ export class JobTable {
   }
 
   /**
-   * @param {Job} job
+   * @param {JobView} job
    * @param {string} verb
    * @param {string} words
    * @param {boolean} isDone
    * @param {() => void} press
    */
   button(job, verb, words, isDone, press) {
-    return this.maySteer && el("button", { type: "button", "data-key": `${verb}-${job.id}`, "aria-label": `${words} job ${job.id}`, disabled: isDone, onclick: press }, words);
+    return this.mayChange && el("button", { type: "button", "data-key": `${verb}-${job.id}`, "aria-label": `${words} job ${job.id}`, disabled: isDone, onclick: press }, words);
   }
 
-  /** @param {Job} job */
+  /** @param {JobView} job */
   askCancel(job) {
     const words = job.state === "running" ? "Its worker is told to stop. What it still reports in time is kept." : "It is taken out of the queue.";
     confirm(`Cancel job ${job.id}?`, [el("p", {}, `${words} It can be requeued later.`)], "Cancel the job", () => this.act(`/jobs/${job.id}/cancel`), { isDangerous: true });
-  }
-
-  /** @param {Job} job */
-  askRequeue(job) {
-    const words = "It gets another attempt with a clean record. What ended with an error of our own ends the same way again, unless the code has changed.";
-    confirm(`Requeue job ${job.id}?`, [el("p", {}, words)], "Requeue the job", () => this.act(`/jobs/${job.id}/requeue`));
   }
 
   /** @param {string} path */
@@ -181,7 +173,7 @@ export class JobTable {
   }
 }
 
-/** @param {{ attempt: number, worker: string, started_at: string, ending: string | null, error: string | null }} one */
+/** @param {AttemptDetail} one */
 function attemptWords(one) {
   return el(
     "div",

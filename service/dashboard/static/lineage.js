@@ -1,18 +1,14 @@
 /** Seeds above, this solution, and below what it seeded: boxes that lead to each other, mappings on the lines. */
 
 import { svg } from "./dom.js";
+import { SvgFigure } from "./figures.js";
 import { number, shortId } from "./format.js";
-import { compareStrategies, lookOf } from "./strategies.js";
-import { SvgFigure } from "./svg_figure.js";
+import { compareStrategies, lookOf } from "./looks.js";
 import { colour } from "./theme.js";
 
-/**
- * @typedef {{ id: string, search: string, strategy: string, k: number, delta_v_km_s: number, strict: boolean }} Node_
- * @typedef {Node_ & { mapping: string }} Child
- * @typedef {{ id: string, nodes: Node_[], edges: { seed_id: string, solution_id: string, mapping: string }[],
- *   children: Child[], n_children: number, n_mapped: number, command: string }} Lineage
- * @typedef {{ x: number, y: number }} Place
- */
+/** @import { Child, LineageGraph, LineageNode } from "../types" */
+
+/** @typedef {{ x: number, y: number }} Place */
 
 const BOX = { width: 168, height: 44 };
 /** Below this width boxes are so narrow that two stand beside each other. */
@@ -29,14 +25,14 @@ export class LineageFigure {
     this.figure = new SvgFigure(place, "Lineage");
   }
 
-  /** @param {Lineage} lineage */
+  /** @param {LineageGraph} lineage */
   show(lineage) {
     this.figure.show((width) => drawing(lineage, width), ...caption(lineage));
     this.figure.plot.dataset.children = String(lineage.children.length);
   }
 }
 
-/** @param {Lineage} lineage */
+/** @param {LineageGraph} lineage */
 function caption({ nodes, children, n_children: all, n_mapped: solves }) {
   const seeds = nodes.length > 1 ? "Seeds above, each mapped to the guess that became the next. " : "Its guess was drawn at random. ";
   if (solves === 0) return [`${seeds}No guess was made of this solution.`];
@@ -45,7 +41,7 @@ function caption({ nodes, children, n_children: all, n_mapped: solves }) {
 }
 
 /**
- * @param {Lineage} lineage
+ * @param {LineageGraph} lineage
  * @param {number} width
  */
 function drawing(lineage, width) {
@@ -66,7 +62,7 @@ function drawing(lineage, width) {
 
 /**
  * Return the solution and its seeds in rows, the oldest first: each row is one mapping further away.
- * @param {Lineage} lineage
+ * @param {LineageGraph} lineage
  */
 function layers({ id, nodes, edges }) {
   /** @type {Map<string, number>} */
@@ -83,7 +79,7 @@ function layers({ id, nodes, edges }) {
 }
 
 /**
- * @param {Lineage} lineage
+ * @param {LineageGraph} lineage
  * @param {Map<string, Place>} places
  */
 function edges(lineage, places) {
@@ -117,7 +113,7 @@ function arrow(x, y) {
 
 /**
  * Return the children, by strategy and mapping, as branches of one trunk.
- * @param {Lineage} lineage
+ * @param {LineageGraph} lineage
  * @param {number} top
  * @param {number} width
  * @param {number} boxWidth
@@ -151,7 +147,7 @@ function groups(lineage, top, width, boxWidth) {
 }
 
 /**
- * @param {Node_} node
+ * @param {LineageNode} node
  * @param {Place} place
  * @param {number} width
  * @param {boolean} isThis

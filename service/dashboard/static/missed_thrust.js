@@ -1,16 +1,10 @@
 /** Which outages a solution recovers from, and at what price: a map of segment and duration. */
 
-import { Figure } from "./figure.js";
+import { axis, Figure } from "./figures.js";
 import { number } from "./format.js";
-import { axis } from "./plots.js";
 import { colour } from "./theme.js";
 
-/**
- * @typedef {{ segment: number, longest_days: number, throttle: number }} Risk
- * @typedef {{ durations_days: number[], segments: Risk[], propellant_kg: (number | null)[][], delay_days: (number | null)[][],
- *   is_tried: boolean[][], fragile: number[], n_done: number, n_jobs: number, campaign_id: number,
- *   survivability: { recovered_given_one_least: number, recovered_given_one_most: number } }} Analysis
- */
+/** @import { MissedThrustView } from "../types" */
 
 export class MissedThrustFigure {
   /** @param {HTMLElement} place hidden until there is an analysis */
@@ -20,7 +14,7 @@ export class MissedThrustFigure {
     this.figure = undefined;
   }
 
-  /** @param {Analysis | undefined} analysis */
+  /** @param {MissedThrustView | undefined} analysis */
   show(analysis) {
     this.analysis = analysis;
     this.place.hidden = !analysis;
@@ -40,7 +34,7 @@ export class MissedThrustFigure {
   }
 }
 
-/** @param {Analysis} found */
+/** @param {MissedThrustView} found */
 function words(found) {
   const { recovered_given_one_least: least, recovered_given_one_most: most } = found.survivability;
   const chance = `${number(100 * least, 0)} to ${number(100 * most, 0)} % of single safe modes have a recovery. `;
@@ -49,7 +43,7 @@ function words(found) {
   return `Propellant beyond the reference’s, which is flown as it is until the outage; no recovery was found in the orange cells. ${chance}${fragile}${open}`;
 }
 
-/** @param {Analysis} found */
+/** @param {MissedThrustView} found */
 function costs(found) {
   const places = found.segments.map(({ segment }) => segment);
   return {
@@ -67,7 +61,7 @@ function costs(found) {
   };
 }
 
-/** @param {Analysis} found */
+/** @param {MissedThrustView} found */
 function lost(found) {
   const isLost = found.propellant_kg.map((row, i) => row.map((cell, j) => (cell === null && found.is_tried[i][j] ? 1 : null)));
   return {

@@ -1,10 +1,14 @@
 /** What every page does: theme, connection, title, and a view that stays up to date by itself. */
 
-import { ApiError, get } from "./api.js";
+import { ApiError, get, ROOT } from "./api.js";
 import { byId, el, fill } from "./dom.js";
 import { clock } from "./format.js";
-import { EventStream } from "./live.js";
 import { watchTheme } from "./theme.js";
+
+/**
+ * @import { Child } from "./dom.js"
+ * @import { EventView } from "../types"
+ */
 
 /** At most one refresh in this time, however many events come [ms]. */
 const REFRESH_MS = 1000;
@@ -14,10 +18,9 @@ const HIDDEN_MS = 60_000;
 const CONNECTIONS = { live: "live", connecting: "reconnecting", stopped: "offline" };
 
 /**
- * @typedef {import("./live.js").Event_} Event_
  * @typedef {{
  *   events: string | null,
- *   refresh: (events: Event_[], isAll: boolean) => Promise<void>,
+ *   refresh: (events: EventView[], isAll: boolean) => Promise<void>,
  *   redraw?: () => void,
  * }} View  `events`: path of the stream, or null for a page that does not change;
  *   `refresh` reads and shows: all of it (isAll), or what the events since the last time are about;
@@ -28,7 +31,7 @@ export class Page {
   /** @param {View} view */
   constructor(view) {
     this.view = view;
-    /** @type {Event_[]} */
+    /** @type {EventView[]} */
     this.waiting = [];
     this.wantsAll = true;
     this.isBusy = false;
@@ -71,7 +74,7 @@ export class Page {
     }
   }
 
-  /** @param {Event_ | null} event */
+  /** @param {EventView | null} event */
   take(event) {
     if (event === null) this.wantsAll = true;
     else this.waiting.push(event);
@@ -107,7 +110,7 @@ export class Page {
     }
   }
 
-  /** @param {import("./live.js").Connection} connection */
+  /** @param {Connection} connection */
   connected(connection) {
     if (connection === "live") this.lastHeard = new Date();
     // A stream that is refused does not say why; a question does, and leads to signing in.
@@ -117,7 +120,7 @@ export class Page {
 }
 
 /**
- * @param {import("./live.js").Connection | "still"} connection
+ * @param {Connection | "still"} connection
  * @param {Date} lastHeard
  */
 function showConnection(connection, lastHeard) {
@@ -163,7 +166,7 @@ export function showTitle(words, crumbs = []) {
 
 /**
  * Show the numbers below the title.
- * @param {[string, import("./dom.js").Child][]} all
+ * @param {[string, Child][]} all
  */
 export function showFacts(all) {
   fill(byId("facts"), facts(all));
@@ -171,7 +174,7 @@ export function showFacts(all) {
 
 /**
  * Return names and values as the children of a description list.
- * @param {[string, import("./dom.js").Child][]} all
+ * @param {[string, Child][]} all
  */
 export function facts(all) {
   return all.map(([name, value]) => el("div", { class: "fact" }, el("dt", {}, name), el("dd", {}, value)));
@@ -179,7 +182,7 @@ export function facts(all) {
 
 /**
  * Show, in place of the content, why there is none and what to do next; without words, the content.
- * @param {...(import("./dom.js").Child)} words
+ * @param {...(Child)} words
  */
 export function showEmpty(...words) {
   byId("empty").hidden = words.length === 0;
@@ -215,4 +218,70 @@ export function setParameters(values) {
   }
   const written = all.toString();
   history.pushState(null, "", window.location.pathname + (written ? `?${written}` : ""));
+}
+
+const RETRY_MS = [1000, 2000, 5000, 10000];
+/** A connection lost for longer than this is shown as a stopped coordinator. */
+const PATIENCE_MS = 6000;
+
+/** @typedef {"live" | "connecting" | "stopped"} Connection */
+
+export class EventStream {
+  /**
+   * @param {string} path of the stream, below the root of the API
+   * @param {(event: EventView | null) => void} onEvent null stands for all that was missed while the line was down
+   * @param {(connection: Connection) => void} onConnection
+   */
+  constructor(path, onEvent, onConnection) {
+    this.address = ROOT + path;
+    this.onEvent = onEvent;
+    this.onConnection = onConnection;
+    this.failures = 0;
+    /** @type {number | undefined} */
+    this.patience = undefined;
+    this.closed = false;
+    this.open();
+  }
+
+  open() {
+    if (this.closed) return;
+    const from = this.lastId ? `?after=${encodeURIComponent(this.lastId)}` : "";
+    this.source = new EventSource(this.address + from);
+    this.source.onopen = () => this.connected();
+    this.source.onerror = () => this.lost();
+    this.source.onmessage = (event) => this.take(event);
+  }
+
+  /** @param {MessageEvent} event */
+  take(event) {
+    this.lastId = event.lastEventId || this.lastId;
+    this.onEvent(JSON.parse(event.data));
+  }
+
+  connected() {
+    window.clearTimeout(this.patience);
+    this.patience = undefined;
+    const again = this.failures > 0;
+    this.failures = 0;
+    this.onConnection("live");
+    // What happened while the line was down is read once, whatever the stream replays.
+    if (again) this.onEvent(null);
+  }
+
+  lost() {
+    // Browsers differ in when they retry by themselves, so the retry is ours in every case.
+    this.source?.close();
+    if (this.closed) return;
+    this.patience ??= window.setTimeout(() => this.onConnection("stopped"), PATIENCE_MS);
+    if (this.failures === 0) this.onConnection("connecting");
+    const wait = RETRY_MS[Math.min(this.failures, RETRY_MS.length - 1)];
+    this.failures += 1;
+    window.setTimeout(() => this.open(), wait);
+  }
+
+  close() {
+    this.closed = true;
+    window.clearTimeout(this.patience);
+    this.source?.close();
+  }
 }

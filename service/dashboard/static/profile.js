@@ -1,15 +1,13 @@
 /** Controls, mass and distances of a solution against time: outages shaded, the chosen moment marked. */
 
 import { el } from "./dom.js";
-import { Figure, sampled } from "./figure.js";
-import { LIT, distance, lookOf, nameOf, outageOf } from "./flight.js";
+import { Figure, sampled } from "./figures.js";
+import { distance, LIT, lookOf, nameOf, outageOf } from "./flight.js";
 import { colour } from "./theme.js";
 
-/**
- * @typedef {import("./flight.js").Flight} Flight
- * @typedef {import("./flight.js").Trajectory} Trajectory
- * @typedef {{ title: string, from: number, to: number, axis?: object, of: (trajectory: Trajectory) => { x: (number | null)[], y: (number | null)[] } }} Row
- */
+/** @import { Arc, Flight, Trajectory } from "./flight.js" */
+
+/** @typedef {{ title: string, from: number, to: number, axis?: object, of: (trajectory: Trajectory) => { x: (number | null)[], y: (number | null)[] } }} Row */
 
 /** Points of one picture, all rows together. */
 const MOST_POINTS = 5000;
@@ -157,7 +155,7 @@ function trace(trajectory, index, row, place) {
 /**
  * Return what is constant on each arc, as steps.
  * @param {Trajectory} trajectory
- * @param {(arc: import("./flight.js").Arc) => number | null} of
+ * @param {(arc: Arc) => number | null} of
  */
 function steps(trajectory, of) {
   const arcs = trajectory.arcs.filter((arc) => arc.stop > arc.first);

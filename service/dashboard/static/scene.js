@@ -3,11 +3,7 @@
 import { pointsOf } from "./flight.js";
 import { colour } from "./theme.js";
 
-/**
- * @typedef {import("./flight.js").Flight} Flight
- * @typedef {import("./flight.js").Frame} Frame
- * @typedef {import("./flight.js").Point} Point
- */
+/** @import { Flight, Frame, Point } from "./flight.js" */
 
 const MOON_RADIUS_KM = 1737.4;
 const KM_PER_UNIT = 1000;

@@ -2,11 +2,10 @@
 
 import { byId, el, fill } from "./dom.js";
 import { NONE, number, outages, percent } from "./format.js";
-import { ofPlanned, OUTCOMES, outcomeBar } from "./outcomes.js";
-import { lookOf } from "./strategies.js";
+import { lookOf, ofPlanned, outcomeBar, OUTCOMES } from "./looks.js";
 import { wilson } from "./wilson.js";
 
-/** @typedef {import("./campaign.js").Search} Search */
+/** @import { SearchView } from "../types" */
 
 const HEAD = [
   ["Search", ""],
@@ -19,8 +18,8 @@ const HEAD = [
 
 /**
  * @param {number} campaign
- * @param {Search[]} searches
- * @param {((search: Search) => void) | null} onChange asks for another weight; null where one may not
+ * @param {SearchView[]} searches
+ * @param {((search: SearchView) => void) | null} onChange asks for another weight; null where one may not
  */
 export function showSearches(campaign, searches, onChange) {
   const focused = document.activeElement?.getAttribute("data-weight-of");
@@ -41,8 +40,8 @@ export function showSearches(campaign, searches, onChange) {
 
 /**
  * @param {number} campaign
- * @param {Search} search
- * @param {((search: Search) => void) | null} onChange
+ * @param {SearchView} search
+ * @param {((search: SearchView) => void) | null} onChange
  */
 function line(campaign, search, onChange) {
   const href = `/campaigns/${campaign}/searches/${encodeURIComponent(search.name)}`;
@@ -67,7 +66,7 @@ function line(campaign, search, onChange) {
   );
 }
 
-/** @param {Search} search */
+/** @param {SearchView} search */
 function about(search) {
   if (search.state === "waiting" && search.seeds_from) return `waits for the seeds of ${search.seeds_from}`;
   const first = search.cases[0] ? outages(search.cases[0].outages) : "";
@@ -78,7 +77,7 @@ function about(search) {
 
 /**
  * Return the guesses by outcome, each once.
- * @param {Search} search
+ * @param {SearchView} search
  */
 function outcomesOf(search) {
   const timeout = search.endings.timeout ?? 0;
@@ -87,7 +86,7 @@ function outcomesOf(search) {
   return { strict: search.n_strict, paper: search.n_paper - search.n_strict, infeasible, timeout, numerical };
 }
 
-/** @param {Search} search */
+/** @param {SearchView} search */
 function count(search) {
   const { running, dead } = search.jobs;
   const jobs = [running ? `${number(running, 0)} running` : "", dead ? `${number(dead, 0)} dead` : ""].filter(Boolean);
@@ -95,7 +94,7 @@ function count(search) {
   return [ofPlanned(search.n_solves, search.n_guesses_planned), ...jobs].join(" · ");
 }
 
-/** @param {Search} search */
+/** @param {SearchView} search */
 function ratio(search) {
   const trials = search.n_solves;
   if (trials === 0) return el("span", { class: "muted" }, NONE);
@@ -115,15 +114,15 @@ function ratio(search) {
   );
 }
 
-/** @param {Search} search */
+/** @param {SearchView} search */
 function best(search) {
   const words = number(search.best_delta_v_km_s, 4, "km/s");
   return search.best_solution_id ? el("a", { href: `/solutions/${search.best_solution_id}` }, words) : words;
 }
 
 /**
- * @param {Search} search
- * @param {((search: Search) => void) | null} onChange
+ * @param {SearchView} search
+ * @param {((search: SearchView) => void) | null} onChange
  */
 function weight(search, onChange) {
   const words = String(Number(search.weight.toPrecision(3)));

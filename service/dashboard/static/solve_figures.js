@@ -1,14 +1,12 @@
 /** How the solves of a search went: violation, delta-v, step sizes and time. */
 
+import { axis, Figure } from "./figures.js";
 import { counted, small } from "./format.js";
-import { Figure } from "./figure.js";
-import { colourOf, isFeasible } from "./hop_shapes.js";
-import { OUTCOMES } from "./outcomes.js";
-import { axis } from "./plots.js";
+import { colourOf, isFeasible, OUTCOMES } from "./looks.js";
 import { byChain, outcomeOf, quantile } from "./solves.js";
 import { colour } from "./theme.js";
 
-/** @typedef {import("./solves.js").Solve} Solve */
+/** @import { Solve } from "./solves.js" */
 
 const SYMBOLS = { strict: "circle", paper: "diamond", infeasible: "circle-open", timeout: "x-thin-open", numerical: "triangle-up-open" };
 /** Decades of an axis that are named one by one. */

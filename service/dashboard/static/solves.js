@@ -2,19 +2,19 @@
 
 import { get } from "./api.js";
 
+/**
+ * @import { Outcome } from "./looks.js"
+ * @import { HopColumns, HopsView, SeedOfSearch } from "../types"
+ */
+
 /** Of more solves whole chains are drawn evenly: as many marks as three pictures draw in a second. */
 const MOST = 2000;
 /** How often a part that is drawn from all is drawn anew [ms]: what has come since changes the whole of it. */
 const DRAWN_MS = 15_000;
 
 /**
- * @typedef {{ id: string, search: string, strategy: string, delta_v_km_s: number, time_of_flight_days: number }} Seed
- * @typedef {{
- *   id: number, case: number, chain: number, hop: number, move: string | null, width: number | null,
- *   mapping: string | null, ending: string, status: string, verdict: "strict" | "paper" | null,
- *   objective_kg: number | null, delta_v_km_s: number | null, violation: number | null, n_iterations: number,
- *   cpu_seconds: number, solution_id: string | null, seed: string | null,
- * }} Solve  `seed` is the id of the one that was mapped
+ * One row of the columns; `seed` is the id of the one that was mapped.
+ * @typedef {{ [Column in keyof HopColumns]: HopColumns[Column][number] } & { seed: string | null }} Solve
  */
 
 export class Solves {
@@ -23,7 +23,7 @@ export class Solves {
     this.path = path;
     /** @type {Map<number, Solve>} */
     this.byId = new Map();
-    /** @type {Map<string, Seed>} */
+    /** @type {Map<string, SeedOfSearch>} */
     this.seeds = new Map();
     this.nAll = 0;
     this.last = 0;
@@ -59,14 +59,14 @@ export class Solves {
     this.drawnAt = performance.now();
   }
 
-  /** @param {{ solves: Record<string, any[]>, seeds: Seed[], n_all: number, last: number }} answer */
+  /** @param {HopsView} answer */
   take({ solves, seeds, n_all: nAll, last }) {
     for (const seed of seeds) this.seeds.set(seed.id, seed);
-    const names = Object.keys(solves);
+    const names = /** @type {(keyof HopColumns)[]} */ (Object.keys(solves));
     solves.id.forEach((id, i) => {
-      const solve = Object.fromEntries(names.map((name) => [name, solves[name][i]]));
+      const solve = /** @type {Solve} */ (Object.fromEntries(names.map((name) => [name, solves[name][i]])));
       solve.seed = seeds.length ? seeds[solve.chain].id : null;
-      this.byId.set(id, /** @type {Solve} */ (solve));
+      this.byId.set(id, solve);
     });
     [this.nAll, this.last] = [nAll, last];
   }
@@ -75,10 +75,10 @@ export class Solves {
 /**
  * Return how a solve ended, in the five kinds that all pages know.
  * @param {Solve} solve
- * @returns {import("./outcomes.js").Outcome}
+ * @returns {Outcome}
  */
 export function outcomeOf(solve) {
-  if (solve.verdict) return solve.verdict;
+  if (solve.verdict) return /** @type {Outcome} */ (solve.verdict);
   return solve.ending === "timeout" || solve.ending === "numerical" ? solve.ending : "infeasible";
 }
 

@@ -2,11 +2,13 @@
 
 import { el, fill } from "./dom.js";
 
+/** @import { Child } from "./dom.js" */
+
 /**
  * @template T
  * @typedef {{
  *   key: string, title: string, unit?: string, numeric?: boolean, minor?: boolean,
- *   value?: (row: T) => number | string | null, cell: (row: T) => import("./dom.js").Child | import("./dom.js").Child[],
+ *   value?: (row: T) => number | string | null, cell: (row: T) => Child | Child[],
  * }} Column  `value` is what the column is sorted by, where it can be; `minor` columns hide on narrow screens
  */
 

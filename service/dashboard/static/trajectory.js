@@ -1,18 +1,12 @@
 /** A solution in space: all arcs in one of three frames, and markers that move with time. */
 
-import { Figure, sampled } from "./figure.js";
-import { FRAMES, LIT, NOWHERE, distance, lookOf, nameOf, placeAt, pointsOf, spacecraftAt } from "./flight.js";
+import { Figure, plotly, sampled } from "./figures.js";
+import { distance, FRAMES, LIT, lookOf, nameOf, NOWHERE, placeAt, pointsOf, spacecraftAt } from "./flight.js";
 import { number } from "./format.js";
-import { plotly } from "./plots.js";
 import { bodies, columns, line, proportions, sceneLayout } from "./scene.js";
 import { colour } from "./theme.js";
 
-/**
- * @typedef {import("./flight.js").Flight} Flight
- * @typedef {import("./flight.js").Trajectory} Trajectory
- * @typedef {import("./flight.js").Frame} Frame
- * @typedef {import("./flight.js").Point} Point
- */
+/** @import { Flight, Frame, Point, Trajectory } from "./flight.js" */
 
 export class TrajectoryFigure {
   /** @param {HTMLElement} place */

@@ -1,21 +1,20 @@
 /** The archive: solutions of all campaigns, filtered by the address, as pictures and as a table. */
 
 import { get } from "../api.js";
-import { rangesOf, within, withoutRanges } from "../archive/axes.js";
-import { Choice } from "../archive/choice.js";
-import { Clusters, distance, watchDistance } from "../archive/clusters.js";
-import { Filters, filterOfAddress } from "../archive/filters.js";
-import { Listing } from "../archive/listing.js";
-import { Parallel } from "../archive/parallel.js";
-import { Scatter } from "../archive/scatter.js";
 import { byId, el, fill } from "../dom.js";
 import { counted, number } from "../format.js";
 import { Page, showEmpty, showFacts } from "../page.js";
+import { Parallel, Scatter } from "../solutions/figures.js";
+import { filterOfAddress, Filters, rangesOf, within, withoutRanges } from "../solutions/filters.js";
+import { Choice, Clusters, distance, Listing, watchDistance } from "../solutions/tables.js";
 
 /**
- * @typedef {import("../archive/axes.js").Points} Points
- * @typedef {{ all: Points, chosen: Points, places: number[], ranges: Map<string, [number, number]> }} Seen
+ * @import { Query } from "../api.js"
+ * @import { AxisKey, Ranges } from "../solutions/filters.js"
+ * @import { EventView, PointsView } from "../../types"
  */
+
+/** @typedef {{ all: PointsView, chosen: PointsView, places: number[], ranges: Ranges }} Seen */
 
 /** Of more solutions a sample is drawn: marks that can be told apart, in a second. */
 const MOST_DRAWN = 1500;
@@ -37,7 +36,7 @@ let slowAt = -Infinity;
 let seen;
 
 /**
- * @param {import("../live.js").Event_[]} events
+ * @param {EventView[]} events
  * @param {boolean} isAll
  */
 async function refresh(events, isAll) {
@@ -67,9 +66,9 @@ function later() {
 let pending;
 
 /**
- * @param {import("../api.js").Query} filter
+ * @param {Query} filter
  * @param {number} mine
- * @param {Promise<Points>} asked
+ * @param {Promise<PointsView>} asked
  */
 async function refreshPictures(filter, mine, asked) {
   slowAt = performance.now();
@@ -88,15 +87,15 @@ async function refreshPictures(filter, mine, asked) {
 }
 
 /**
- * @param {import("../api.js").Query} filter
- * @returns {Promise<Points>}
+ * @param {Query} filter
+ * @returns {Promise<PointsView>}
  */
 function points(filter) {
   return get("/solutions/points", { ...filter, most: MOST_DRAWN });
 }
 
 /**
- * @param {import("../api.js").Query} filter
+ * @param {Query} filter
  * @param {number} n solutions of the filter
  */
 function show(filter, n) {
@@ -121,7 +120,7 @@ function show(filter, n) {
  */
 function facts(n) {
   const { chosen, places } = /** @type {Seen} */ (seen);
-  const least = (/** @type {string} */ key) => places.reduce((best, i) => Math.min(best, chosen[key][i]), Infinity);
+  const least = (/** @type {AxisKey} */ key) => places.reduce((best, i) => Math.min(best, chosen[key][i]), Infinity);
   return [
     ["Solutions", number(n, 0)],
     ["Strategies", String(new Set(places.map((i) => chosen.strategy[i])).size)],
@@ -147,7 +146,7 @@ async function draw() {
   await scatter.show(chosen, places, sample(chosen));
 }
 
-/** @param {Points} points */
+/** @param {PointsView} points */
 function sample(points) {
   const shown = points.id.length;
   return shown < points.n ? `${number(shown, 0)} of ${number(points.n, 0)} solutions: all extremes, the whole front, and others drawn by lot.` : "";

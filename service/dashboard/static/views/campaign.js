@@ -1,21 +1,21 @@
 /** One campaign: how far, which strategy pays, what went wrong, and how it is steered. */
 
-import { ApiError, get, post } from "../api.js";
-import { askWeight, controls, STEERING } from "../campaign.js";
-import { showChains } from "../chains.js";
-import { confirm } from "../dialog.js";
+import { ApiError, get } from "../api.js";
+import { askRequeue, askWeight, campaignControls, exportLink, mayControl, session } from "../controls.js";
 import { byId, el, fill } from "../dom.js";
 import { duration, NONE, number } from "../format.js";
-import { BestSoFar, Boxes, Feasibility, OutcomeMix } from "../history.js";
+import { BestSoFar, Boxes, Feasibility, OutcomeMix, showChains } from "../history.js";
 import { facts, Page, pathPart, showEmpty, showFacts, showTitle } from "../page.js";
-import { exportLink } from "../portable.js";
 import { showSearches } from "../searches.js";
 import { Table } from "../table.js";
 
+/**
+ * @import { Child } from "../dom.js"
+ * @import { CampaignView, HistoryView, JobView } from "../../types"
+ */
+
 /** After a start a large archive is read in pieces; until it is read, it is asked for at once [ms]. */
 const READ_ON_MS = 250;
-
-/** @typedef {{ id: number, search_id: number, kind: string, attempt: number, error: string | null, ending: string | null }} Job */
 
 const id = Number(pathPart(1));
 const figures = [
@@ -24,28 +24,28 @@ const figures = [
   new Feasibility(byId("feasibility")),
   new Boxes(byId("delta-v")),
 ];
-/** @type {import("../history.js").History | undefined} */
+/** @type {HistoryView | undefined} */
 let shown;
-let maySteer = false;
+let mayChange = false;
 
 const page = new Page({ events: `/campaigns/${id}/events`, refresh, redraw: () => shown && draw(shown) });
 const changed = () => page.reload();
-const session = get("/session").catch(() => null);
+const who = session();
 page.start();
 
 async function refresh() {
   // Not awaited yet: of a large archive it comes a while after all that is told of the campaign in words.
   const asked = get(`/campaigns/${id}/history`);
   asked.catch(() => {});
-  const found = await Promise.all([get(`/campaigns/${id}`), session]).catch(missing);
+  const found = await Promise.all([get(`/campaigns/${id}`), who]).catch(missing);
   if (!found) return;
-  const [campaign, who] = found;
-  maySteer = who !== null && STEERING.includes(who.role);
+  const [campaign, user] = found;
+  mayChange = mayControl(user);
   showEmpty();
   showHead(campaign);
-  showSearches(id, campaign.searches, maySteer ? (search) => askWeight(campaign, search, changed) : null);
+  showSearches(id, campaign.searches, mayChange ? (search) => askWeight(id, search, changed) : null);
   await showJobs(campaign);
-  /** @type {import("../history.js").History} */
+  /** @type {HistoryView} */
   const history = await asked;
   showReading(history);
   showChains(byId("chains"), history.chains);
@@ -64,19 +64,19 @@ function missing(error) {
   return null;
 }
 
-/** @param {import("../history.js").History} history */
+/** @param {HistoryView} history */
 async function draw(history) {
   shown = history;
   for (const figure of figures) await figure.show(history);
 }
 
-/** @param {import("../campaign.js").Campaign} campaign */
+/** @param {CampaignView} campaign */
 function showHead(campaign) {
   showTitle(campaign.name, [["Campaigns", "/"]]);
   byId("state").textContent = campaign.state;
   byId("state").dataset.state = campaign.state;
   const focused = document.activeElement?.getAttribute("data-does");
-  const buttons = maySteer ? controls(campaign, changed) : [];
+  const buttons = mayChange ? campaignControls(campaign, changed) : [];
   const links = [
     el("a", { class: "button", href: `/archive?campaign=${id}` }, "Solutions"),
     el("a", { class: "button", href: `/campaigns/new?clone=${id}` }, "Clone"),
@@ -88,8 +88,8 @@ function showHead(campaign) {
 }
 
 /**
- * @param {import("../campaign.js").Campaign} campaign
- * @returns {[string, import("../dom.js").Child][]}
+ * @param {CampaignView} campaign
+ * @returns {[string, Child][]}
  */
 function headFacts(campaign) {
   const isOver = campaign.state === "done" || campaign.state === "cancelled";
@@ -112,7 +112,7 @@ function headFacts(campaign) {
   ];
 }
 
-/** @param {import("../history.js").History} history */
+/** @param {HistoryView} history */
 function showReading(history) {
   const isPart = history.n_read < history.n_solves;
   byId("reading").hidden = !isPart;
@@ -120,7 +120,7 @@ function showReading(history) {
   if (isPart) window.setTimeout(() => page.take(null), READ_ON_MS);
 }
 
-const dead = /** @type {Table<Job>} */ (
+const dead = /** @type {Table<JobView>} */ (
   new Table(
     byId("dead"),
     "Dead jobs",
@@ -129,13 +129,13 @@ const dead = /** @type {Table<Job>} */ (
       { key: "kind", title: "Kind", cell: (job) => job.kind, minor: true },
       { key: "attempt", title: "Attempts", numeric: true, minor: true, cell: (job) => String(job.attempt) },
       { key: "error", title: "What went wrong", cell: (job) => el("span", { class: "error" }, job.error ?? job.ending ?? NONE) },
-      { key: "again", title: "", cell: (job) => maySteer && el("button", { type: "button", "aria-label": `Requeue job ${job.id}`, onclick: () => askRequeue(job) }, "Requeue") },
+      { key: "again", title: "", cell: (job) => mayChange && el("button", { type: "button", "aria-label": `Requeue job ${job.id}`, onclick: () => askRequeue(job, changed) }, "Requeue") },
     ],
     { id: (job) => String(job.id) },
   )
 );
 
-/** @param {import("../campaign.js").Campaign} campaign */
+/** @param {CampaignView} campaign */
 async function showJobs(campaign) {
   const of = (/** @type {"queued" | "running" | "done" | "dead" | "cancelled"} */ state) => campaign.searches.reduce((sum, search) => sum + search.jobs[state], 0);
   const link = (/** @type {"queued" | "running" | "dead"} */ state) => el("a", { href: `/workers?campaign=${id}&state=${state}` }, number(of(state), 0));
@@ -145,13 +145,4 @@ async function showJobs(campaign) {
   if (of("dead") === 0) return dead.show([]);
   const { items } = await get("/jobs", { campaign: id, state: "dead", limit: 20 });
   dead.show(items);
-}
-
-/** @param {Job} job */
-function askRequeue(job) {
-  const words = [el("p", {}, "It gets another attempt with a clean record. What ended with an error of our own ends the same way again, unless the code has changed.")];
-  confirm(`Requeue job ${job.id}?`, words, "Requeue the job", async () => {
-    await post(`/jobs/${job.id}/requeue`);
-    await changed();
-  });
 }

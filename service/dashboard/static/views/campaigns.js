@@ -1,33 +1,50 @@
 /** All campaigns: how far, how well, how long still. */
 
 import { get } from "../api.js";
-import { STEERING } from "../campaign.js";
-import { byId, el, fill } from "../dom.js";
+import { askImport, mayControl, session } from "../controls.js";
+import { byId, el, fill, svg } from "../dom.js";
 import { date, duration, NONE, number } from "../format.js";
-import { ofPlanned, outcomeBar, outcomeList } from "../outcomes.js";
+import { ofPlanned, outcomeBar, outcomeList } from "../looks.js";
 import { facts, Page, showEmpty } from "../page.js";
-import { askImport } from "../portable.js";
-import { sparkline } from "../sparkline.js";
+
+/** @import { CampaignCard, CampaignCards } from "../../types" */
+
+const [WIDTH, HEIGHT, EDGE] = [180, 40, 3];
+
+/**
+ * Return a step line through values at moments as far apart as each other; null where there is none yet.
+ * @param {(number | null)[]} values
+ * @param {string} words read out
+ */
+export function sparkline(values, words) {
+  const known = values.filter((value) => value !== null);
+  const [low, high] = [Math.min(...known), Math.max(...known)];
+  const x = (/** @type {number} */ i) => EDGE + (i / Math.max(1, values.length - 1)) * (WIDTH - 2 * EDGE);
+  const y = (/** @type {number} */ value) => HEIGHT - EDGE - (high > low ? (value - low) / (high - low) : 0) * (HEIGHT - 2 * EDGE);
+  /** @type {string[]} */
+  const path = [];
+  values.forEach((value, i) => {
+    if (value !== null) path.push(path.length ? `H${x(i).toFixed(1)}V${y(value).toFixed(1)}` : `M${x(i).toFixed(1)} ${y(value).toFixed(1)}`);
+  });
+  const last = values[values.length - 1];
+  return svg(
+    "svg",
+    { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "sparkline", role: "img", "aria-label": words, preserveAspectRatio: "none" },
+    svg("path", { d: path.join(""), fill: "none", "vector-effect": "non-scaling-stroke" }),
+    // A point that stays round however the line is stretched.
+    typeof last === "number" && svg("path", { class: "now", d: `M${x(values.length - 1)} ${y(last)}h0`, "vector-effect": "non-scaling-stroke" }),
+  );
+}
 
 /** After a start a large archive is read in pieces; until it is read, they are asked for at once [ms]. */
 const READ_ON_MS = 250;
-
-/**
- * @typedef {{
- *   id: number, name: string, state: string, created_at: string, n_solves: number, n_solutions: number, n_read: number,
- *   best_delta_v_km_s: number | null, outcomes: Record<import("../outcomes.js").Outcome, number>,
- *   n_guesses_planned: number | null, n_searches: number, strategies: string[], rate_per_min: number,
- *   eta_seconds: number | null, elapsed_seconds: number, cpu_seconds: number, sparkline_km_s: (number | null)[],
- * }} Card
- */
 
 const page = new Page({ events: "/events/stream", refresh });
 page.start();
 offerMore();
 
 async function offerMore() {
-  const who = await get("/session").catch(() => null);
-  const mayImport = who !== null && STEERING.includes(who.role);
+  const mayImport = mayControl(await session());
   fill(
     byId("actions"),
     mayImport && el("button", { type: "button", "data-does": "import", onclick: askImport }, "Import campaign"),
@@ -36,7 +53,7 @@ async function offerMore() {
 }
 
 async function refresh() {
-  const { items } = /** @type {{ items: Card[] }} */ (await get("/campaigns"));
+  const { items } = /** @type {CampaignCards} */ (await get("/campaigns"));
   if (items.length === 0) return showEmpty(...welcome());
   showEmpty();
   fill(byId("campaigns"), items.map(row));
@@ -52,7 +69,7 @@ function welcome() {
   ];
 }
 
-/** @param {Card} card */
+/** @param {CampaignCard} card */
 function row(card) {
   return el(
     "li",
@@ -76,7 +93,7 @@ function shortened(strategies) {
   return strategies.length > 6 ? `${strategies.slice(0, 5).join(", ")} and ${strategies.length - 5} more` : strategies.join(", ");
 }
 
-/** @param {Card} card */
+/** @param {CampaignCard} card */
 function progress(card) {
   return el(
     "div",
@@ -86,7 +103,7 @@ function progress(card) {
   );
 }
 
-/** @param {Card} card */
+/** @param {CampaignCard} card */
 function improvement(card) {
   const best = number(card.best_delta_v_km_s, 4, "km/s");
   const isFound = card.best_delta_v_km_s !== null;
@@ -100,7 +117,7 @@ function improvement(card) {
 }
 
 /**
- * @param {Card} card
+ * @param {CampaignCard} card
  * @returns {[string, string][]}
  */
 function numbers(card) {

@@ -1,14 +1,94 @@
 /** One problem: what is solved, under which outages, how it looks to the solver, and what was found. */
 
 import { find, get } from "../api.js";
-import { ChanceFigures } from "../chances.js";
 import { byId, el, fill } from "../dom.js";
-import { counted, number, outages, shortId } from "../format.js";
-import { OutageFigure } from "../outage_line.js";
-import { Page, facts, pathPart, showEmpty, showFacts, showTitle } from "../page.js";
-import { boundFacts, departureFacts, spacecraftFacts, targetFacts } from "../problem_words.js";
-import { SparsityFigure } from "../sparsity.js";
+import { counted, epoch, number, outages, shortId } from "../format.js";
+import { facts, Page, pathPart, showEmpty, showFacts, showTitle } from "../page.js";
+import { ChanceFigures, OutageFigure, SparsityFigure } from "../problem_figures.js";
 import { Table } from "../table.js";
+
+/**
+ * @import { Column } from "../table.js"
+ * @import { BestSolution, EventView, ProblemFamily, ProblemStructure, ProblemView, Relative } from "../../types"
+ */
+
+/** @typedef {[string, string]} Fact */
+
+/**
+ * @param {any} definition
+ * @returns {Fact[]}
+ */
+export function spacecraftFacts({ spacecraft }) {
+  return [
+    ["Wet mass", number(spacecraft.wet_mass_kg, 0, "kg")],
+    ["Dry mass", number(spacecraft.dry_mass_kg, 0, "kg")],
+    ["Largest thrust", number(spacecraft.max_thrust_n, 3, "N")],
+    ["Specific impulse", number(spacecraft.isp_s, 0, "s")],
+  ];
+}
+
+/**
+ * @param {any} definition
+ * @param {ProblemStructure} structure
+ * @returns {Fact[]}
+ */
+export function departureFacts({ departure }, structure) {
+  const common = /** @type {Fact[]} */ ([
+    ["Transfer begins", epoch(structure.departure_epoch)],
+    ["Mass then", number(structure.departure_mass_kg, 1, "kg")],
+  ]);
+  if (departure.kind === "spiral") {
+    const end = departure.jacobi === null ? `after ${number(departure.duration_days, 1, "d")}` : `at Jacobi value ${number(departure.jacobi, 3)}`;
+    return [
+      ["From", "a spiral at full thrust"],
+      ["Spiral begins", epoch(departure.epoch)],
+      ["Perigee, apogee", `${number(departure.perigee_radius_km, 0)} × ${number(departure.apogee_radius_km, 0, "km")}`],
+      ["Inclination", number(departure.inclination_deg, 2, "°")],
+      ["Spiral ends", end],
+      ...common,
+    ];
+  }
+  const vector = (/** @type {number[]} */ v, /** @type {number} */ digits, /** @type {string} */ unit) => `(${v.map((value) => number(value, digits)).join(", ")}) ${unit}`;
+  return [
+    ["From", "a state, geocentric J2000"],
+    ...common,
+    ["Position", vector(departure.position_km, 0, "km")],
+    ["Velocity", vector(departure.velocity_km_s, 4, "km/s")],
+  ];
+}
+
+/**
+ * @param {any} definition
+ * @returns {Fact[]}
+ */
+export function targetFacts({ target }) {
+  if (target.kind === "spk") return [["To", "an orbit of a kernel"], ["File", target.path], ["NAIF id", String(target.naif_id)]];
+  return [
+    ["To", "the near-rectilinear halo orbit (NRHO) of the Moon"],
+    ["Period", number(target.period_days, 4, "d")],
+    ["Perilune near", epoch(target.perilune_epoch)],
+  ];
+}
+
+/**
+ * @param {any} definition
+ * @returns {Fact[]}
+ */
+export function boundFacts({ bounds, n_segments: n, segmentation }) {
+  const range = (/** @type {number[]} */ [low, high], /** @type {number} */ digits, /** @type {string} */ unit) =>
+    `${number(low, digits)} to ${number(high, digits, unit)}`;
+  return [
+    ["Segments", `${n}, of equal length`],
+    ["Segments of realizations", segmentation === "adaptive" ? "those left after the missed one" : `${n} each`],
+    ["Shooting time", range(bounds.shooting_days, 3, "d")],
+    ["Initial coast", range(bounds.initial_coast_days, 1, "d")],
+    ["Final coast", range(bounds.final_coast_days, 1, "d")],
+    ["Throttle", range(bounds.throttle, 2, "")],
+    ["In-plane angle", "−180 to 180\u00a0°"],
+    ["Out-of-plane angle", "−90 to 90\u00a0°"],
+    ["Least final mass", number(bounds.min_final_mass_kg, 0, "kg")],
+  ];
+}
 
 const hash = pathPart(1);
 const timeline = new OutageFigure(byId("outages"));
@@ -20,15 +100,15 @@ const best = new Table(byId("best"), "Best solutions of this problem", bestColum
 });
 const fewer = relatives(byId("fewer"), "Problems with one outage less", "Without");
 const more = relatives(byId("more"), "Problems with one outage more", "With");
-/** @type {any} */
+/** @type {ProblemView} */
 let problem;
-/** @type {any} */
+/** @type {ProblemStructure} */
 let structure;
-/** @type {any} */
+/** @type {ProblemFamily} */
 let family;
 
 /**
- * @param {import("../live.js").Event_[]} events
+ * @param {EventView[]} events
  * @param {boolean} isAll
  */
 async function refresh(events, isAll) {
@@ -52,7 +132,7 @@ let drawing = Promise.resolve();
 async function draw() {
   const first = family.best[0];
   const arc = first ? first.initial_coast_days + first.shooting_days : null;
-  await chances.show(structure, arc, problem.outages.map((/** @type {any} */ outage) => outage.duration_days));
+  await chances.show(structure, arc, problem.outages.map((outage) => outage.duration_days));
 }
 
 function unknown() {
@@ -89,7 +169,7 @@ function showStructure() {
   const { definition } = problem;
   showSizes();
   fill(byId("departure"), facts(departureFacts(definition, structure)));
-  timeline.show(structure.trajectories, problem.n_segments, definition.segmentation);
+  timeline.show(structure.trajectories, problem.n_segments, String(definition.segmentation));
   sparsity.show(structure);
 }
 
@@ -113,8 +193,8 @@ function showFamily() {
 
 /**
  * @param {string} name
- * @param {Table<any>} table
- * @param {any[]} rows
+ * @param {Table<Relative>} table
+ * @param {Relative[]} rows
  * @param {number} all
  */
 function showRelatives(name, table, rows, all) {
@@ -124,7 +204,7 @@ function showRelatives(name, table, rows, all) {
   table.show(rows);
 }
 
-/** @returns {import("../table.js").Column<any>[]} */
+/** @returns {Column<BestSolution>[]} */
 function bestColumns() {
   return [
     { key: "id", title: "Solution", cell: (row) => [shortId(row.id), !row.strict && el("span", { class: "tag" }, "paper")] },
@@ -142,7 +222,7 @@ function bestColumns() {
  * @param {string} which
  */
 function relatives(place, caption, which) {
-  /** @type {import("../table.js").Column<any>[]} */
+  /** @type {Column<Relative>[]} */
   const columns = [
     { key: "outage", title: which, cell: (row) => outages([row.outage]) },
     { key: "hash", title: "Problem", minor: true, cell: (row) => shortId(row.hash) },

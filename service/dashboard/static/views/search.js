@@ -1,30 +1,22 @@
 /** One search: what its chains do, or what became of its seeds, and by which laws. */
 
 import { ApiError, get } from "../api.js";
-import { ChainTable } from "../chain_table.js";
+import { mayControl, searchControls, session } from "../controls.js";
 import { byId, el, fill } from "../dom.js";
-import { sampled } from "../figure.js";
+import { sampled } from "../figures.js";
 import { duration, NONE, number, outages, percent, shortId } from "../format.js";
 import { HopGrid } from "../hop_grid.js";
 import { lawFacts, ReachFigure } from "../hop_laws.js";
-import { ofPlanned, outcomeBar, outcomeList } from "../outcomes.js";
+import { ofPlanned, outcomeBar, outcomeList } from "../looks.js";
 import { facts, Page, pathPart, showEmpty, showFacts, showTitle } from "../page.js";
-import { searchControls } from "../search_controls.js";
-import { SeedTable, YieldFigure, yieldsOf } from "../seed_yield.js";
+import { ChainTable, SeedTable, YieldFigure, yieldsOf } from "../seeds_and_chains.js";
 import { DeltaVFigure, TimeFigure, ViolationFigure } from "../solve_figures.js";
 import { outcomeOf, Solves } from "../solves.js";
 
 /**
- * @typedef {{ source: string | null, campaign: string | null, solution: string | null, order: string | null, limit: number | null, pairing: string, tolerance: string, any_duration: boolean, mapping: string[] }} SeedRules
- * @typedef {{
- *   campaign_id: number, campaign: string, campaign_state: string, id: number, name: string, strategy: string, state: string,
- *   priority: number, weight: number, k: number, seed_k: number | null, hops: number,
- *   cases: { problem_hash: string, outages: { segment: number, duration_days: number }[] }[],
- *   budget: { guesses: number | null, core_seconds: number | null, solutions: number | null },
- *   laws: import("../hop_laws.js").Laws | null, seeds: SeedRules | null, solve_cpu_seconds: number, max_iterations: number | null,
- *   jobs: { queued: number, running: number, done: number, dead: number, cancelled: number }, n_guesses_planned: number | null,
- *   n_solves: number, n_paper: number, n_strict: number, cpu_seconds: number, best_solution_id: string | null, best_delta_v_km_s: number | null,
- * }} Detail
+ * @import { Child } from "../dom.js"
+ * @import { Solve } from "../solves.js"
+ * @import { EventView, SearchDetail, SeedRules } from "../../types"
  */
 
 /** Cases that are linked one by one. */
@@ -34,9 +26,9 @@ const campaign = pathPart(1);
 const name = pathPart(3);
 const path = `/campaigns/${encodeURIComponent(campaign)}/searches/${encodeURIComponent(name)}`;
 const solves = new Solves(`${path}/hops`);
-/** @type {Detail | undefined} */
+/** @type {SearchDetail | undefined} */
 let shown;
-let maySteer = false;
+let mayChange = false;
 
 const grid = new HopGrid(byId("hops"));
 const violation = new ViolationFigure(byId("violation"), "Violation");
@@ -53,7 +45,7 @@ const page = new Page({ events: `/campaigns/${encodeURIComponent(campaign)}/even
 page.start();
 
 /**
- * @param {import("../page.js").Event_[]} events
+ * @param {EventView[]} events
  * @param {boolean} isAll
  */
 async function refresh(events, isAll) {
@@ -61,10 +53,10 @@ async function refresh(events, isAll) {
   // Not awaited yet: of a large search they come a while after all that is told of it in words.
   const asked = solves.refresh(isAll);
   asked.catch(() => {});
-  /** @type {Detail} */
+  /** @type {SearchDetail} */
   let search;
   try {
-    [search, maySteer] = await Promise.all([get(path), isAll ? steers() : maySteer]);
+    [search, mayChange] = await Promise.all([get(path), isAll ? session().then(mayControl) : mayChange]);
   } catch (error) {
     if (!(error instanceof ApiError) || ![404, 422].includes(error.status)) throw error;
     return missing(error.message);
@@ -80,18 +72,13 @@ async function refresh(events, isAll) {
   drawn = data;
 }
 
-async function steers() {
-  const who = await get("/session").catch(() => null);
-  return ["submitter", "admin"].includes(who?.role);
-}
-
 /** @param {string} words */
 function missing(words) {
   showTitle("Search not found", [["Campaigns", "/"]]);
   showEmpty(el("h2", {}, "There is no such search"), el("p", {}, words), el("p", {}, el("a", { href: "/" }, "All campaigns")));
 }
 
-/** @param {Detail} search */
+/** @param {SearchDetail} search */
 function waits(search) {
   showEmpty(
     el("h2", {}, "Waiting for seeds"),
@@ -100,14 +87,14 @@ function waits(search) {
   );
 }
 
-/** @param {Detail} search */
+/** @param {SearchDetail} search */
 function showHead(search) {
   const about = `/campaigns/${search.campaign_id}`;
   showTitle(`${search.strategy} · ${search.name}`, [["Campaigns", "/"], [search.campaign, about]]);
   byId("state").hidden = false;
   byId("state").dataset.state = search.state;
   byId("state").textContent = search.campaign_state === "paused" && search.state === "active" ? "active, its campaign is paused" : search.state;
-  fill(byId("actions"), maySteer && ["active", "paused"].includes(search.campaign_state) ? searchControls(search, () => page.reload()) : []);
+  fill(byId("actions"), mayChange && ["active", "paused"].includes(search.campaign_state) ? searchControls(search, () => page.reload()) : []);
   const best = search.best_solution_id;
   showFacts([
     ["Best Δv", best ? el("a", { href: `/solutions/${best}` }, number(search.best_delta_v_km_s, 4, "km/s")) : NONE],
@@ -135,12 +122,12 @@ async function redraw() {
     return drawing;
   }
   await Promise.all([drawing, violation.draw(all, hops, caption), deltaV.draw(all, hops, caption), time.draw(all, caption)]);
-  for (const figure of [violation, deltaV, third]) if (figure) leads(figure);
+  for (const figure of [violation, deltaV, third]) figure?.linkMarks();
 }
 
 /**
- * @param {Detail} search
- * @param {import("../solves.js").Solve[]} all
+ * @param {SearchDetail} search
+ * @param {Solve[]} all
  */
 function showProgress(search, all) {
   // The rest is counted in what is shown, which is a fair part of all.
@@ -153,8 +140,8 @@ function showProgress(search, all) {
 }
 
 /**
- * @param {Detail} search
- * @param {import("../solves.js").Solve[]} all
+ * @param {SearchDetail} search
+ * @param {Solve[]} all
  * @param {string} caption
  */
 async function showThird(search, all, caption) {
@@ -175,7 +162,7 @@ async function showThird(search, all, caption) {
   }
 }
 
-/** @param {Detail} search */
+/** @param {SearchDetail} search */
 function showRules(search) {
   const { budget, jobs } = search;
   const budgets = [
@@ -201,7 +188,7 @@ function showRules(search) {
 
 /**
  * Lead to where seeds come from: a search, of this campaign or of another one, or one solution.
- * @param {Detail} search
+ * @param {SearchDetail} search
  * @param {SeedRules} rules
  */
 function sourceLink(search, rules) {
@@ -212,8 +199,8 @@ function sourceLink(search, rules) {
 }
 
 /**
- * @param {Detail} search
- * @returns {[string, import("../dom.js").Child][]}
+ * @param {SearchDetail} search
+ * @returns {[string, Child][]}
  */
 function seedFacts(search) {
   const rules = /** @type {SeedRules} */ (search.seeds);
@@ -226,17 +213,4 @@ function seedFacts(search) {
     ["Good enough", rules.tolerance],
     ["Outages of another duration", rules.any_duration ? "yes" : "no"],
   ];
-}
-
-/**
- * Let a mark of a figure lead to its solution.
- * @param {import("../figure.js").Figure} figure
- */
-function leads(figure) {
-  const plot = /** @type {any} */ (figure.plot);
-  if (plot.dataset.leads || typeof plot.on !== "function") return;
-  plot.dataset.leads = "yes";
-  plot.on("plotly_click", (/** @type {{ points: { customdata?: string }[] }} */ { points }) => {
-    if (points[0]?.customdata) window.location.assign(`/solutions/${points[0].customdata}`);
-  });
 }

@@ -2,19 +2,83 @@
 
 import { ApiError, get, post } from "../api.js";
 import { byId, el, fill } from "../dom.js";
-import { Editor } from "../editor.js";
 import { duration, NONE, number } from "../format.js";
 import { facts, Page, parameter, showEmpty, showTitle } from "../page.js";
+
+/** @import { FaultView, SpecCheck, SpecPlan } from "../../types" */
+
+/** As in style.css [px]. */
+const LINE = 20;
+
+export class Editor {
+  /** @param {(text: string) => void} onChange */
+  constructor(onChange) {
+    this.area = /** @type {HTMLTextAreaElement} */ (byId("spec"));
+    /** @type {FaultView[]} */
+    this.faults = [];
+    this.area.addEventListener("input", () => {
+      this.draw();
+      onChange(this.area.value);
+    });
+    this.area.addEventListener("scroll", () => this.scroll());
+    this.draw();
+  }
+
+  get text() {
+    return this.area.value;
+  }
+
+  /** @param {string} text */
+  write(text) {
+    this.area.value = text;
+    this.area.scrollTop = 0;
+    this.draw();
+  }
+
+  /** @param {FaultView[]} faults */
+  mark(faults) {
+    this.faults = faults;
+    this.area.setAttribute("aria-invalid", String(faults.length > 0));
+    this.draw();
+  }
+
+  /**
+   * Put the caret on a line.
+   * @param {number} line from 1
+   */
+  goTo(line) {
+    const begin = this.area.value.split("\n").slice(0, line - 1).join("\n").length + (line > 1 ? 1 : 0);
+    const end = this.area.value.indexOf("\n", begin);
+    this.area.focus();
+    this.area.setSelectionRange(begin, end < 0 ? this.area.value.length : end);
+    this.area.scrollTop = Math.max(0, (line - 6) * LINE);
+  }
+
+  draw() {
+    const lines = this.area.value.split("\n");
+    const wrong = new Map(this.faults.filter(({ line }) => line !== null).map((fault) => [fault.line, fault.message]));
+    fill(byId("gutter"), lines.map((_, i) => el("span", { class: wrong.has(i + 1) ? "wrong" : null }, i + 1)));
+    fill(
+      byId("marks"),
+      [...wrong].map(([line, message]) => {
+        const top = ((line ?? 1) - 1) * LINE;
+        // The message stands behind what is written on its line.
+        const written = lines[(line ?? 1) - 1]?.length ?? 0;
+        return el("p", { class: "mark", "data-line": line, style: `top:${top}px;padding-left:calc(${written + 3}ch + 10px)` }, message);
+      }),
+    );
+    this.scroll();
+  }
+
+  scroll() {
+    byId("gutter").style.transform = `translateY(${-this.area.scrollTop}px)`;
+    byId("marks").style.transform = `translate(${-this.area.scrollLeft}px, ${-this.area.scrollTop}px)`;
+  }
+}
 
 /** A check begins this long after the last key [ms]. */
 const QUIET_MS = 350;
 const OWN = "own";
-
-/**
- * @typedef {{ id: string, strategy: string, n_cases: number, n_guesses_most: number | null, core_hours_most: number | null, seeds_from: string | null }} Planned
- * @typedef {{ name: string, rng_seed: number, n_segments: number, searches: Planned[], n_cases: number, n_guesses_most: number | null, core_hours_most: number | null }} Plan
- * @typedef {{ faults: import("../editor.js").Fault[], fields: object | null, plan: Plan | null }} Check
- */
 
 const editor = new Editor(later);
 /** @type {Map<string, string>} */
@@ -110,7 +174,7 @@ function later() {
 async function check() {
   const n = ++nCheck;
   try {
-    const found = /** @type {Check} */ (await post("/specs/check", { text: editor.text }));
+    const found = /** @type {SpecCheck} */ (await post("/specs/check", { text: editor.text }));
     // An answer about an older text comes too late.
     if (n === nCheck) showCheck(found);
   } catch (error) {
@@ -119,7 +183,7 @@ async function check() {
   }
 }
 
-/** @param {Check} found */
+/** @param {SpecCheck} found */
 function showCheck({ faults, fields: found, plan }) {
   byId("refused").hidden = true;
   byId("form").dataset.faults = String(faults.length);
@@ -141,7 +205,7 @@ function newKey() {
   return [...crypto.getRandomValues(new Uint8Array(16))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
 }
 
-/** @param {import("../editor.js").Fault[]} faults */
+/** @param {FaultView[]} faults */
 function listed(faults) {
   return el(
     "ul",
@@ -154,7 +218,7 @@ function listed(faults) {
   );
 }
 
-/** @param {Plan} plan */
+/** @param {SpecPlan} plan */
 function planned(plan) {
   const most = (/** @type {number | null} */ n) => (n === null ? "open" : number(n, 0));
   const hours = (/** @type {number | null} */ n) => (n === null ? NONE : duration(3600 * n));

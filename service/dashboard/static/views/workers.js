@@ -1,38 +1,88 @@
 /** Workers and jobs: who is connected, what each does and did, what waits, and what went wrong. */
 
 import { get, post } from "../api.js";
-import { Attempts } from "../attempts.js";
-import { confirm } from "../dialog.js";
+import { Attempts, Gantt } from "../attempts.js";
+import { confirm, mayControl, session } from "../controls.js";
 import { byId, el, fill } from "../dom.js";
 import { counted, duration, NONE, number } from "../format.js";
-import { Gantt } from "../gantt.js";
 import { JobTable } from "../job_table.js";
 import { Page, parameter, setParameters, showFacts } from "../page.js";
 import { Table } from "../table.js";
-import { WorkerTable } from "../worker_table.js";
 
 /**
- * @typedef {{ queued: number, running: number, done: number, dead: number, cancelled: number }} Counts
- * @typedef {{ campaign_id: number, name: string, state: string, jobs: Counts }} QueueItem
- * @typedef {{
- *   at: string, lease_s: number, heartbeat_s: number, jobs: Counts, oldest_job_id: number | null, oldest_queued_at: string | null,
- *   campaigns: QueueItem[],
- * }} Queue
+ * @import { State } from "../job_table.js"
+ * @import { QueueItem, QueueView, SessionView, WorkerView } from "../../types"
  */
+
+const GIB = 2 ** 30;
+
+export class WorkerTable {
+  /** @param {HTMLElement} place */
+  constructor(place) {
+    this.now = Date.now();
+    const ago = (/** @type {string} */ moment) => duration((this.now - Date.parse(moment)) / 1000);
+    /** @type {Table<WorkerView>} */
+    this.table = new Table(
+      place,
+      "Workers, those seen last first",
+      [
+        { key: "name", title: "Worker", cell: (worker) => [el("strong", {}, worker.name), el("small", { class: "muted under" }, `${worker.executor} on ${worker.host}`)] },
+        { key: "alive", title: "State", minor: true, cell: (worker) => el("span", { class: "pill", "data-state": worker.is_alive ? "active" : "gone" }, worker.is_alive ? "connected" : "gone") },
+        { key: "slots", title: "Busy", cell: (worker) => meter(worker.held.length, worker.slots, `${number(worker.held.length, 0)} of ${number(worker.slots, 0)} slots`, "Slots in use") },
+        { key: "cpu", title: "CPU", cell: (worker) => (worker.cpu_cores === null ? NONE : meter(worker.cpu_cores, worker.slots, number(worker.cpu_cores, 2, "cores"), "Processors in use")) },
+        { key: "memory", title: "Memory", cell: memory },
+        { key: "seen", title: "Last seen", numeric: true, minor: true, cell: (worker) => `${ago(worker.seen_at)} ago` },
+        { key: "since", title: "Since", numeric: true, minor: true, cell: (worker) => `${ago(worker.created_at)} ago` },
+        { key: "version", title: "Version", minor: true, cell: (worker) => [el("code", {}, worker.code_version), el("small", { class: "muted under" }, `Python ${worker.python_version}`)] },
+      ],
+      { id: (worker) => worker.name },
+    );
+  }
+
+  /**
+   * @param {WorkerView[]} workers
+   * @param {number} now by the coordinator's clock [ms]
+   */
+  show(workers, now) {
+    this.now = now;
+    this.table.show(workers);
+  }
+}
+
+/** @param {WorkerView} worker */
+function memory(worker) {
+  if (worker.memory_bytes === null) return NONE;
+  const words = number(worker.memory_bytes / GIB, 2, "GiB");
+  const whole = worker.host_memory_bytes;
+  return meter(worker.memory_bytes, whole ?? worker.memory_bytes, whole ? `${words} of ${number(whole / GIB, 0, "GiB")}` : words, "Memory in use");
+}
+
+/**
+ * Return a number with a bar below it that shows its share.
+ * @param {number} value
+ * @param {number} whole
+ * @param {string} words
+ * @param {string} name read out
+ */
+function meter(value, whole, words, name) {
+  const share = whole > 0 ? Math.min(1, value / whole) : 0;
+  const said = { role: "meter", "aria-label": name, "aria-valuemin": 0, "aria-valuemax": whole, "aria-valuenow": value, "aria-valuetext": words };
+  return el("div", { class: "meter", ...said }, el("span", {}, words), el("div", { class: "track" }, el("i", { style: `width:${100 * share}%` })));
+}
 
 /** Leases and needs change without an event: they are looked at so often [ms]. */
 const LOOK_MS = 5000;
 const WINDOWS = /** @type {[string, number][]} */ ([["15 min", 900], ["1 h", 3600], ["6 h", 21_600]]);
-const STATES = /** @type {[import("../job_table.js").State, string][]} */ ([["running", "Running"], ["queued", "Waiting"], ["dead", "Dead"]]);
+const STATES = /** @type {[State, string][]} */ ([["running", "Running"], ["queued", "Waiting"], ["dead", "Dead"]]);
 const MOST_GONE = 20;
 
 const gone = /** @type {HTMLInputElement} */ (byId("gone"));
 const chosen = /** @type {HTMLSelectElement} */ (byId("campaign"));
-/** @type {import("../worker_table.js").Worker[]} */
+/** @type {WorkerView[]} */
 let workers = [];
-/** @type {Queue | undefined} */
+/** @type {QueueView | undefined} */
 let queue;
-/** @type {{ name: string, role: string } | null} */
+/** @type {SessionView | null} */
 let who = null;
 
 const attempts = new Attempts(windowOf());
@@ -50,7 +100,7 @@ const queueTable = /** @type {Table<QueueItem>} */ (
       { key: "queued", title: "Waiting", numeric: true, cell: (item) => number(item.jobs.queued, 0) },
       { key: "running", title: "Running", numeric: true, minor: true, cell: (item) => number(item.jobs.running, 0) },
       { key: "dead", title: "Dead", numeric: true, cell: (item) => number(item.jobs.dead, 0) },
-      { key: "do", title: "", cell: (item) => maySteer() && item.jobs.dead > 0 && item.state !== "cancelled" && el("button", { type: "button", "data-does": `requeue-${item.campaign_id}`, onclick: () => askRequeueAll(item) }, "Requeue all dead") },
+      { key: "do", title: "", cell: (item) => mayControl(who) && item.jobs.dead > 0 && item.state !== "cancelled" && el("button", { type: "button", "data-does": `requeue-${item.campaign_id}`, onclick: () => askRequeueAll(item) }, "Requeue all dead") },
     ],
     { id: (item) => String(item.campaign_id), href: (item) => `/campaigns/${item.campaign_id}` },
   )
@@ -63,12 +113,12 @@ window.setInterval(() => document.hidden || page.take(null), LOOK_MS);
 page.start();
 
 async function refresh() {
-  who ??= await get("/session").catch(() => null);
+  who ??= await session();
   const [found, waiting] = await Promise.all([get("/workers"), get("/queue")]);
   [workers, queue] = [found.items, waiting];
   const now = Date.parse(waiting.at);
   if (attempts.seconds !== windowOf()) attempts.setWindow(windowOf());
-  jobTable.maySteer = maySteer();
+  jobTable.mayChange = mayControl(who);
   jobTable.leaseS = waiting.lease_s;
   jobTable.choose(stateOf(), parameter("campaign"));
   const [, n] = await Promise.all([attempts.refresh(now), jobTable.refresh(now)]);
@@ -81,11 +131,7 @@ async function refresh() {
   byId("queue-note").hidden = waiting.campaigns.length > 0;
 }
 
-function maySteer() {
-  return ["submitter", "admin"].includes(who?.role ?? "");
-}
-
-/** @returns {import("../job_table.js").State} */
+/** @returns {State} */
 function stateOf() {
   return STATES.find(([state]) => state === parameter("state"))?.[0] ?? (queue && !queue.jobs.running && queue.jobs.dead ? "dead" : "running");
 }
@@ -101,12 +147,12 @@ async function choose(values) {
 }
 
 /**
- * @param {Queue} waiting
+ * @param {QueueView} waiting
  * @param {number} now
  */
 function showNumbers(waiting, now) {
   const alive = workers.filter((worker) => worker.is_alive);
-  const sum = (/** @type {(worker: import("../worker_table.js").Worker) => number | null} */ value) => alive.reduce((all, worker) => all + (value(worker) ?? 0), 0);
+  const sum = (/** @type {(worker: WorkerView) => number | null} */ value) => alive.reduce((all, worker) => all + (value(worker) ?? 0), 0);
   const isMeasured = alive.some((worker) => worker.cpu_cores !== null);
   const { jobs } = waiting;
   showFacts([
@@ -150,7 +196,7 @@ function invitation() {
 }
 
 /**
- * @param {Queue} waiting
+ * @param {QueueView} waiting
  * @param {number} n jobs that are shown
  */
 function showChoices(waiting, n) {

@@ -1,11 +1,67 @@
-/** The fields that restrict the archive: what they say stands in the address of the page. */
+/** The filter of the solutions, kept in the address of the page. */
 
 import { address } from "../api.js";
 import { el, fill } from "../dom.js";
 import { number } from "../format.js";
+import { compareStrategies } from "../looks.js";
 import { parameter, setParameters } from "../page.js";
-import { compareStrategies } from "../strategies.js";
-import { AXES } from "./axes.js";
+
+/**
+ * @import { Query } from "../api.js"
+ * @import { ChoicesView, PointsView } from "../../types"
+ */
+
+/**
+ * @typedef {Exclude<keyof PointsView, "n" | "front" | "strategies" | "id" | "strategy" | "strict">} AxisKey
+ * @typedef {{ key: AxisKey, title: string, unit: string, digits: number }} Axis
+ * @typedef {Map<AxisKey, [number, number]>} Ranges
+ */
+
+/** @type {Axis[]} */
+export const AXES = [
+  { key: "delta_v_km_s", title: "Δv", unit: "km/s", digits: 3 },
+  { key: "time_of_flight_days", title: "Time of flight", unit: "d", digits: 1 },
+  { key: "initial_coast_days", title: "Initial coast", unit: "d", digits: 1 },
+  { key: "shooting_days", title: "Shooting time", unit: "d", digits: 1 },
+  { key: "final_coast_days", title: "Final coast", unit: "d", digits: 1 },
+  { key: "propellant_kg", title: "Propellant", unit: "kg", digits: 1 },
+  { key: "k", title: "k", unit: "outages", digits: 0 },
+  { key: "cpu_seconds", title: "CPU", unit: "s", digits: 1 },
+];
+
+/**
+ * Return the bounds of a filter, by axis; what is not bounded is infinite.
+ * @param {Query} filter
+ * @returns {Ranges}
+ */
+export function rangesOf(filter) {
+  const all = AXES.filter(({ key }) => filter[`min_${key}`] || filter[`max_${key}`]).map(({ key }) => {
+    const [least, most] = [filter[`min_${key}`], filter[`max_${key}`]];
+    return /** @type {[AxisKey, [number, number]]} */ ([key, [least ? Number(least) : -Infinity, most ? Number(most) : Infinity]]);
+  });
+  return new Map(all);
+}
+
+/**
+ * Return a filter without its bounds.
+ * @param {Query} filter
+ */
+export function withoutRanges(filter) {
+  return Object.fromEntries(Object.entries(filter).filter(([name]) => !/^(min|max)_/.test(name)));
+}
+
+/**
+ * Return the places of the points within all ranges.
+ * @param {PointsView} points
+ * @param {Ranges} ranges
+ * @returns {number[]}
+ */
+export function within(points, ranges) {
+  const all = [...ranges];
+  return points.id
+    .map((_, i) => i)
+    .filter((i) => all.every(([key, [least, most]]) => points[key][i] >= least && points[key][i] <= most));
+}
 
 /** Names of the filter, the same in the address of the page and in the API. */
 const CHOICES = ["campaign", "search", "strategy", "k", "segment", "duration_days", "tolerance"];
@@ -16,7 +72,7 @@ const ANEW = { after: null, begin: null };
 /** Axes whose fields are always in sight. */
 const MAIN = ["delta_v_km_s", "time_of_flight_days"];
 
-/** @returns {import("../api.js").Query} */
+/** @returns {Query} */
 export function filterOfAddress() {
   return Object.fromEntries(NAMES.map((name) => [name, parameter(name)]).filter(([, value]) => value));
 }
@@ -32,13 +88,13 @@ export class Filters {
     this.form.addEventListener("submit", (event) => event.preventDefault());
     this.form.addEventListener("change", (event) => this.changed(/** @type {HTMLInputElement} */ (event.target)));
     this.shown = "";
-    /** @type {import("../api.js").Query} what the fields were filled with */
+    /** @type {Query} what the fields were filled with */
     this.filter = {};
   }
 
   /**
    * Show what can be chosen and what is.
-   * @param {any} choices as `GET /solutions/choices` gives them
+   * @param {ChoicesView} choices
    */
   show(choices) {
     const filter = filterOfAddress();
@@ -61,14 +117,14 @@ export class Filters {
   }
 
   /**
-   * @param {any} choices
-   * @param {import("../api.js").Query} filter
+   * @param {ChoicesView} choices
+   * @param {Query} filter
    */
   selects(choices, filter) {
     const plain = (/** @type {(string | number)[]} */ values) => values.map((value) => [String(value), String(value)]);
-    const days = choices.durations_days.map((/** @type {number} */ value) => [String(value), number(value, 2, "d")]);
+    const days = choices.durations_days.map((value) => [String(value), number(value, 2, "d")]);
     return [
-      select("campaign", "Campaign", choices.campaigns.map((/** @type {any} */ c) => [String(c.id), `${c.id} ${c.name}`]), filter),
+      select("campaign", "Campaign", choices.campaigns.map((c) => [String(c.id), `${c.id} ${c.name}`]), filter),
       select("strategy", "Strategy", plain(choices.strategies.toSorted(compareStrategies)), filter),
       select("search", "Search", plain(choices.searches), filter),
       select("k", "k, outages survived", plain(choices.k), filter),
@@ -78,7 +134,7 @@ export class Filters {
     ];
   }
 
-  /** @param {import("../api.js").Query} filter */
+  /** @param {Query} filter */
   buttons(filter) {
     const clear = el("button", { type: "button", id: "clear", hidden: Object.keys(filter).length === 0, onclick: () => this.clear() }, "Clear all filters");
     const link = (/** @type {string} */ format, /** @type {string} */ words) =>
@@ -118,7 +174,7 @@ export class Filters {
  * @param {string} name
  * @param {string} title
  * @param {string[][]} options values and words
- * @param {import("../api.js").Query} filter
+ * @param {Query} filter
  */
 function select(name, title, options, filter) {
   const chosen = filter[name] === undefined ? "" : String(filter[name]);
@@ -130,10 +186,10 @@ function select(name, title, options, filter) {
 
 /**
  * @param {string} key
- * @param {import("../api.js").Query} filter
+ * @param {Query} filter
  */
 function range(key, filter) {
-  const { title, unit } = /** @type {import("./axes.js").Axis} */ (AXES.find((axis) => axis.key === key));
+  const { title, unit } = /** @type {Axis} */ (AXES.find((axis) => axis.key === key));
   const field = (/** @type {"min" | "max"} */ end, /** @type {string} */ words) => {
     const name = `${end}_${key}`;
     const how = { type: "number", step: "any", min: 0, name, value: filter[name] ?? "", placeholder: words };

@@ -1,18 +1,37 @@
-/** Several trajectories in one picture, in one of three frames. */
+/** Several solutions in one figure: trajectories in one of three frames; throttle and mass against time. */
 
-import { el } from "../dom.js";
-import { Figure, sampled } from "../figure.js";
-import { FRAMES, LIT, NOWHERE, pointsOf } from "../flight.js";
-import { bodies, columns, line, proportions, sceneLayout } from "../scene.js";
-import { colour } from "../theme.js";
-import { lookOf, nameOf } from "./sides.js";
+import { el } from "./dom.js";
+import { axis, Figure, sampled, series } from "./figures.js";
+import { FRAMES, LIT, NOWHERE, outageOf, pointsOf } from "./flight.js";
+import { shortId } from "./format.js";
+import { bodies, columns, line, proportions, sceneLayout } from "./scene.js";
+import { colour } from "./theme.js";
 
 /**
- * @typedef {import("../flight.js").Frame} Frame
- * @typedef {import("../flight.js").Point} Point
- * @typedef {import("../flight.js").Trajectory} Trajectory
- * @typedef {import("./sides.js").Side} Side
+ * @import { Flight, Frame, Point, Trajectory } from "./flight.js"
+ * @import { RecordInFull } from "../types"
  */
+
+/** @typedef {{ id: string, record: RecordInFull, flight: Flight | null }} Side */
+
+/**
+ * Return the look of a side; strategies may be the same, so it is that of its place.
+ * @param {number} place
+ */
+export function lookOf(place) {
+  const { color, dash } = series(place);
+  return { color, dash, letter: "ABCD"[place] };
+}
+
+/**
+ * @param {Side} side
+ * @param {number} place
+ * @param {boolean} [isShort] where there is little room
+ */
+export function nameOf(side, place, isShort = false) {
+  const name = `${lookOf(place).letter} ${side.record.strategy}`;
+  return isShort ? name : `${name} ${shortId(side.id)}`;
+}
 
 /** Points of one picture. */
 const MOST_POINTS = 5000;
@@ -62,7 +81,7 @@ export class Overlay {
     const shown = sides.flatMap((side) => flown(side, hasRealizations));
     const n = shown.reduce((sum, { days }) => sum + days.length, 0);
     const step = Math.max(1, Math.ceil(n / MOST_POINTS));
-    const first = /** @type {import("../flight.js").Flight} */ (sides[0].flight);
+    const first = /** @type {Flight} */ (sides[0].flight);
     const isNarrow = this.figure.plot.clientWidth < 500;
     const traces = [
       ...bodies(first, frame),
@@ -81,7 +100,7 @@ export class Overlay {
 
 /**
  * Return the Moon where it stands still.
- * @param {import("../flight.js").Flight} flight
+ * @param {Flight} flight
  */
 function moon(flight) {
   const label = { mode: "markers+text", text: ["Moon"], textposition: "top center", textfont: { color: colour("muted"), size: 12 } };
@@ -128,4 +147,80 @@ function arcs(trajectory, index, name, color, frame, step) {
  */
 function thinned(points, first, stop, step) {
   return points.slice(first, stop).filter((_, i) => i % step === 0 || i === stop - first - 1);
+}
+
+/** Samples of the mass of one trajectory. */
+const OF_MASS = 120;
+/** Height of the bars of one solution, of that of the figure. */
+const LANE = 0.03;
+
+export class Profiles {
+  /** @param {HTMLElement} place */
+  constructor(place) {
+    this.figure = new Figure(place, "Throttle and mass against time", { tall: true });
+  }
+
+  /**
+   * @param {Side[]} sides those that have been flown
+   * @param {boolean} hasRealizations
+   */
+  async show(sides, hasRealizations) {
+    const isNarrow = this.figure.plot.clientWidth < 500;
+    const traces = sides.flatMap((side, place) => {
+      const all = side.flight?.trajectories ?? [];
+      return (hasRealizations ? all : all.slice(0, 1)).flatMap((trajectory, i) => lines(trajectory, i, nameOf(side, place, isNarrow), lookOf(place).color));
+    });
+    const words = `Time since departure of each.${hasRealizations ? " Realizations are dotted." : ""} Bars above: outages, in the colour of the solution that survives them.`;
+    await this.figure.show(traces, layout(sides), words);
+    this.figure.plot.dataset.sides = String(sides.length);
+  }
+}
+
+/**
+ * @param {Trajectory} trajectory
+ * @param {number} index 0 is the reference
+ * @param {string} name
+ * @param {string} color
+ */
+function lines(trajectory, index, name, color) {
+  const style = { type: "scatter", mode: "lines", name, legendgroup: name, line: { color, width: index === 0 ? 2 : 1.2, dash: index === 0 ? "solid" : "dot" } };
+  const arcs = trajectory.arcs.filter(({ first, stop }) => stop > first);
+  const throttle = {
+    x: arcs.flatMap(({ first, stop }) => [trajectory.days[first], trajectory.days[stop - 1]]),
+    y: arcs.flatMap((arc) => [arc.throttle, arc.throttle]),
+  };
+  const step = Math.max(1, Math.ceil(trajectory.days.length / OF_MASS));
+  const places = trajectory.days.map((_, i) => i).filter((i) => i % step === 0 || i === trajectory.days.length - 1);
+  const mass = { x: places.map((i) => trajectory.days[i]), y: places.map((i) => trajectory.mass_kg[i]) };
+  const extra = `<extra>${name}${index ? `, realization ${index}` : ""}</extra>`;
+  return [
+    { ...style, ...throttle, showlegend: index === 0, hovertemplate: `%{y:.2f}${extra}` },
+    { ...style, ...mass, yaxis: "y2", showlegend: false, hovertemplate: `%{y:.1f} kg${extra}` },
+  ];
+}
+
+/** @param {Side[]} sides */
+function layout(sides) {
+  return {
+    showlegend: true,
+    hovermode: "closest",
+    xaxis: { ...axis("days after departure"), anchor: "y2" },
+    yaxis: axis("throttle [–]", { domain: [0.5, 0.86], range: [-0.03, 1.06], tickvals: [0, 0.5, 1], fixedrange: true }),
+    yaxis2: axis("mass [kg]", { domain: [0, 0.4], tickformat: ",.0f", nticks: 5, fixedrange: true }),
+    shapes: sides.flatMap((side, place) => (side.flight?.trajectories ?? []).flatMap((trajectory) => band(trajectory, place))),
+  };
+}
+
+/**
+ * @param {Trajectory} trajectory
+ * @param {number} place
+ */
+function band(trajectory, place) {
+  const outage = outageOf(trajectory);
+  if (!outage) return [];
+  const color = lookOf(place).color;
+  const across = { xref: "x", yref: "paper", x0: outage.from, x1: outage.from + outage.days };
+  // A row of its own for each, so that equal ones do not hide each other.
+  const top = 1 - place * LANE;
+  return [{ type: "rect", ...across, y0: top - 0.8 * LANE, y1: top, fillcolor: color, line: { color, width: 1 } }];
 }
