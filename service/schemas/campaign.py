@@ -4,7 +4,7 @@ from datetime import datetime
 from typing import Any
 
 from service.schemas.answer import Answer, CampaignState
-from service.schemas.search import SearchView
+from service.schemas.search import RatioView, SearchView
 
 
 class CampaignItem(Answer):
@@ -94,14 +94,6 @@ class StepView(Answer):
     core_hours: float
     delta_v_km_s: float
     solution_id: str
-
-
-class RatioView(Answer):
-    """A share of solves with its 95 % interval."""
-
-    value: float | None
-    low: float
-    high: float
 
 
 class StrategyView(Answer):

@@ -53,6 +53,7 @@ SEARCH = {
     "n_solves": 11,
     "n_paper": 11,
     "n_strict": 10,
+    "strict_ratio": {"value": 0.91, "low": 0.62, "high": 0.98},
     "n_solutions": 10,
     "endings": {"feasible": 11},
     "statuses": {"CONVERGED": 11},

@@ -20,6 +20,14 @@ class JobCounts(Answer):
     cancelled: int = 0
 
 
+class RatioView(Answer):
+    """A share of solves with its 95 % interval."""
+
+    value: float | None
+    low: float
+    high: float
+
+
 class SearchView(Answer):
     """A search and how far it is."""
 
@@ -47,6 +55,8 @@ class SearchView(Answer):
     #: Solves that the verifier found feasible at the paper's and at the strict tolerance.
     n_paper: int
     n_strict: int
+    #: Strict solves over all solves.
+    strict_ratio: RatioView
     #: Different solutions in the archive.
     n_solutions: int
     endings: dict[str, int]

@@ -38,10 +38,10 @@ from service.schemas.campaign import (
     ChainView,
     HistoryView,
     OutcomeBinsView,
-    RatioView,
     StepView,
     StrategyView,
 )
+from service.schemas.search import RatioView
 from service.store.cache import search_spec
 from service.store.errors import UnknownRow
 
@@ -370,7 +370,8 @@ def _place(one: StrategyChronicle) -> tuple[int, int]:
     return one.k, -1 if one.seed_k is None else one.seed_k
 
 
-def _ratio(n: int, n_solves: int) -> RatioView:
+def ratio_view(n: int, n_solves: int) -> RatioView:
+    """Return a share of solves with its interval; its value is None while there are no solves."""
     ratio = feasibility_ratio(n, n_solves)
     return RatioView(value=ratio.value if n_solves else None, low=ratio.low, high=ratio.high)
 
@@ -385,8 +386,8 @@ def _strategy(name: str, one: StrategyChronicle) -> StrategyView:
         n_solves=n_solves,
         n_paper=n_paper,
         n_strict=n_strict,
-        paper_ratio=_ratio(n_paper, n_solves),
-        strict_ratio=_ratio(n_strict, n_solves),
+        paper_ratio=ratio_view(n_paper, n_solves),
+        strict_ratio=ratio_view(n_strict, n_solves),
         core_hours=one.cpu_seconds / SECONDS_PER_HOUR,
         steps=[
             StepView(core_hours=at / SECONDS_PER_HOUR, delta_v_km_s=delta_v, solution_id=solution_id)
@@ -425,7 +426,7 @@ def _chain(chronicle: Chronicle, seed_k: int | None, k: int, group: Sequence[Str
         n_seeds=0 if seed_k is None else len(chronicle.seeds[seed_k, k]),
         n_solves=n_solves,
         n_strict=n_strict,
-        strict_ratio=_ratio(n_strict, n_solves),
+        strict_ratio=ratio_view(n_strict, n_solves),
         core_seconds_per_strict=seconds / n_strict if n_strict else None,
     )
 

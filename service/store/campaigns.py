@@ -22,7 +22,7 @@ from service.schemas.problem import CaseView, OutageView
 from service.schemas.search import JobCounts, SearchState, SearchView
 from service.spec.search_spec import SearchSpec
 from service.store.cache import search_spec, spec_of
-from service.store.campaign_history import Chronicle, Chronicles, Step
+from service.store.campaign_history import Chronicle, Chronicles, Step, ratio_view
 from service.store.errors import UnknownRow, WrongState
 from service.store.events import note, note_job, note_search
 from service.store.planning import advance, enter
@@ -154,6 +154,7 @@ def _search(session: Session, campaign: CampaignRow, numbers: Numbers) -> Search
         n_solves=row.n_solves,
         n_paper=levels.get("paper", 0),
         n_strict=levels.get("strict", 0),
+        strict_ratio=ratio_view(levels.get("strict", 0), row.n_solves),
         n_solutions=n_solutions(counted.get("solution", {}), "search"),
         cpu_seconds=row.cpu_seconds,
         best_solution_id=best.id if best else None,

@@ -25,7 +25,7 @@ def test_it_shows_all_solutions_the_least_delta_v_first(archive, visit):
     assert page.inner_text("#count") == f"{len(found)} solutions"
     assert page.get_attribute("#scatter-plot", "data-points") == str(len(found))
     names = page.evaluate("document.getElementById('scatter-plot').data.map(t => t.name)")
-    assert names == ["S(0)", "S(1|0)", "best trade"]
+    assert names == ["S(0)", "S(1|0)", "Pareto front"]
     assert page.locator("#parallel-plot path[data-strategy]").count() == 2
     assert page.locator("#parallel-plot [data-axis]").count() == 8
     assert f"{found[0].delta_v_km_s:.4f}\u00a0km/s" in page.inner_text("#facts")

@@ -3,7 +3,6 @@
 import { byId, el, fill } from "./dom.js";
 import { NONE, number, outages, percent } from "./format.js";
 import { lookOf, ofPlanned, outcomeBar, OUTCOMES } from "./looks.js";
-import { wilson } from "./wilson.js";
 
 /** @import { SearchView } from "../types" */
 
@@ -96,10 +95,8 @@ function count(search) {
 
 /** @param {SearchView} search */
 function ratio(search) {
-  const trials = search.n_solves;
-  if (trials === 0) return el("span", { class: "muted" }, NONE);
-  const [low, high] = wilson(search.n_strict, trials);
-  const share = search.n_strict / trials;
+  const { value: share, low, high } = search.strict_ratio;
+  if (share === null) return el("span", { class: "muted" }, NONE);
   return el(
     "span",
     { class: "ratio", title: "Within 0.1 km, 0.1 m/s and 0.01 kg in an independent flight; 95 % Wilson interval" },

@@ -23,76 +23,57 @@ export class Scatter {
 
   /**
    * @param {PointsView} points
-   * @param {number[]} places those that are shown
    * @param {string} caption
    */
-  async show(points, places, caption) {
+  async show(points, caption) {
     const names = [...points.strategies].sort(compareStrategies);
-    const traces = names.flatMap((name) => {
-      const mine = places.filter((i) => points.strategies[points.strategy[i]] === name);
-      return mine.length ? [trace(points, mine, name)] : [];
-    });
-    await this.figure.show([...traces, front(points, places)], layout(points, places), `${caption} The line joins those that none beats in both. A click opens a solution.`);
-    this.figure.plot.dataset.points = String(places.length);
+    const traces = names.map((name) => trace(points, name));
+    await this.figure.show([...traces, front(points)], layout(points), `${caption} The line joins the Pareto-optimal ones. Click a mark to open its solution.`);
+    this.figure.plot.dataset.points = String(points.id.length);
     this.figure.linkMarks();
   }
 }
 
 /**
  * @param {PointsView} points
- * @param {number[]} places
- * @param {string} name
+ * @param {string} name of a strategy
  */
-function trace(points, places, name) {
+function trace(points, name) {
   const { color, symbol } = lookOf(name);
+  const own = points.id.map((_, i) => i).filter((i) => points.strategies[points.strategy[i]] === name);
   return {
     type: "scatter",
     mode: "markers",
     name,
-    x: places.map((i) => points.time_of_flight_days[i]),
-    y: places.map((i) => points.delta_v_km_s[i]),
-    customdata: places.map((i) => points.id[i]),
-    text: places.map((i) => `${shortId(points.id[i])}, ${number(points.propellant_kg[i], 1, "kg")}${points.strict[i] ? "" : ", not strict"}`),
-    marker: { color, symbol, size: 7, opacity: places.length > 2000 ? 0.55 : 0.8, line: { width: 0 } },
+    x: own.map((i) => points.time_of_flight_days[i]),
+    y: own.map((i) => points.delta_v_km_s[i]),
+    customdata: own.map((i) => points.id[i]),
+    text: own.map((i) => `${shortId(points.id[i])}, ${number(points.propellant_kg[i], 1, "kg")}${points.strict[i] ? "" : ", not strict"}`),
+    marker: { color, symbol, size: 7, opacity: points.id.length > 2000 ? 0.55 : 0.8, line: { width: 0 } },
     hovertemplate: "%{y:.4f} km/s, %{x:.1f} d<br>%{text}<extra>" + name + "</extra>",
   };
 }
 
-/**
- * Return the line through those that none beats in delta-v and time of flight.
- * @param {PointsView} points
- * @param {number[]} places
- */
-function front(points, places) {
-  const sorted = [...places].sort((a, b) => points.delta_v_km_s[a] - points.delta_v_km_s[b] || points.time_of_flight_days[a] - points.time_of_flight_days[b]);
-  let quickest = Infinity;
-  const on = sorted.filter((i) => {
-    const isQuicker = points.time_of_flight_days[i] < quickest;
-    if (isQuicker) quickest = points.time_of_flight_days[i];
-    return isQuicker;
-  });
+/** @param {PointsView} points */
+function front(points) {
   return {
     type: "scatter",
     mode: "lines",
-    name: "best trade",
-    x: on.map((i) => points.time_of_flight_days[i]),
-    y: on.map((i) => points.delta_v_km_s[i]),
+    name: "Pareto front",
+    x: points.front.map((i) => points.time_of_flight_days[i]),
+    y: points.front.map((i) => points.delta_v_km_s[i]),
     line: { color: colour("text"), width: 1.2, dash: "dot", shape: "hv" },
     hoverinfo: "skip",
   };
 }
 
-/**
- * @param {PointsView} points
- * @param {number[]} places
- */
-function layout(points, places) {
-  const rangeOf = (/** @type {number[]} */ values) => around(places.map((i) => values[i]));
+/** @param {PointsView} points */
+function layout(points) {
   return {
     showlegend: true,
     hovermode: "closest",
-    xaxis: axis("time of flight [d]", rangeOf(points.time_of_flight_days)),
-    yaxis: axis("Δv of the transfer [km/s]", rangeOf(points.delta_v_km_s)),
+    xaxis: axis("time of flight [d]", around(points.time_of_flight_days)),
+    yaxis: axis("Δv of the transfer [km/s]", around(points.delta_v_km_s)),
   };
 }
 

@@ -5,7 +5,7 @@ import { byId, el, fill } from "../dom.js";
 import { counted, number } from "../format.js";
 import { Page, showEmpty, showFacts } from "../page.js";
 import { Parallel, Scatter } from "../solutions/figures.js";
-import { filterOfAddress, Filters, rangesOf, within, withoutRanges } from "../solutions/filters.js";
+import { filterOfAddress, Filters, rangesOf, withoutRanges } from "../solutions/filters.js";
 import { Choice, Clusters, distance, Listing, watchDistance } from "../solutions/tables.js";
 
 /**
@@ -14,7 +14,7 @@ import { Choice, Clusters, distance, Listing, watchDistance } from "../solutions
  * @import { EventView, PointsView } from "../../types"
  */
 
-/** @typedef {{ all: PointsView, chosen: PointsView, places: number[], ranges: Ranges }} Seen */
+/** @typedef {{ all: PointsView, chosen: PointsView, ranges: Ranges }} Seen  points of the filter without and with its ranges */
 
 /** Of more solutions a sample is drawn: marks that can be told apart, in a second. */
 const MOST_DRAWN = 1500;
@@ -45,7 +45,7 @@ async function refresh(events, isAll) {
   const filter = filterOfAddress();
   const isDue = isAll || performance.now() - slowAt > SLOW_MS || (seen && seen.all.n === seen.all.id.length);
   // Asked for with the list, and shown after it.
-  const asked = isDue ? points(withoutRanges(filter)) : null;
+  const asked = isDue ? readPoints(filter) : null;
   asked?.catch(() => {});
   const [choices, list] = await Promise.all([get("/solutions/choices", { campaign: filter.campaign }), listing.load(filter)]);
   // Another filter was chosen meanwhile.
@@ -68,37 +68,36 @@ let pending;
 /**
  * @param {Query} filter
  * @param {number} mine
- * @param {Promise<PointsView>} asked
+ * @param {Promise<[PointsView, PointsView]>} asked
  */
 async function refreshPictures(filter, mine, asked) {
   slowAt = performance.now();
-  const ranges = rangesOf(filter);
-  const all = await asked;
-  const isSample = all.n > all.id.length;
-  // Within the ranges there are more points than the sample of all holds.
-  const chosen = isSample && ranges.size ? await points(filter) : all;
+  const [all, chosen] = await asked;
   if (mine !== turn) return;
-  const places = within(chosen, ranges);
-  seen = { all, chosen, ranges, places };
-  show(filter, isSample ? chosen.n : places.length);
+  seen = { all, chosen, ranges: rangesOf(filter) };
+  show(filter, chosen);
   // Clusters take as long as all the rest: the pictures do not wait for them.
   const [found] = await Promise.all([get("/solutions/clusters", { ...filter, threshold: distance() }), draw()]);
   if (mine === turn) clusters.show(found);
 }
 
 /**
+ * Read the points of a filter without and with its ranges: parallel coordinates show both.
  * @param {Query} filter
- * @returns {Promise<PointsView>}
+ * @returns {Promise<[PointsView, PointsView]>}
  */
-function points(filter) {
-  return get("/solutions/points", { ...filter, most: MOST_DRAWN });
+function readPoints(filter) {
+  const points = (/** @type {Query} */ some) => get("/solutions/points", { ...some, most: MOST_DRAWN });
+  const all = points(withoutRanges(filter));
+  return Promise.all([all, rangesOf(filter).size ? points(filter) : all]);
 }
 
 /**
  * @param {Query} filter
- * @param {number} n solutions of the filter
+ * @param {PointsView} chosen
  */
-function show(filter, n) {
+function show(filter, chosen) {
+  const { n } = chosen;
   const isFiltered = Object.keys(filter).length > 0;
   byId("shown").hidden = n === 0;
   byId("nothing").hidden = n > 0 || !isFiltered;
@@ -111,19 +110,18 @@ function show(filter, n) {
     el("button", { type: "button", class: "primary", onclick: () => filters.clear() }, "Clear all filters"),
   );
   byId("count").textContent = counted(n, "solution");
-  showFacts(n ? facts(n) : []);
+  showFacts(n ? facts(chosen) : []);
 }
 
 /**
- * @param {number} n
+ * @param {PointsView} chosen
  * @returns {[string, string][]}
  */
-function facts(n) {
-  const { chosen, places } = /** @type {Seen} */ (seen);
-  const least = (/** @type {AxisKey} */ key) => places.reduce((best, i) => Math.min(best, chosen[key][i]), Infinity);
+function facts(chosen) {
+  const least = (/** @type {AxisKey} */ key) => chosen[key].reduce((a, b) => Math.min(a, b), Infinity);
   return [
-    ["Solutions", number(n, 0)],
-    ["Strategies", String(new Set(places.map((i) => chosen.strategy[i])).size)],
+    ["Solutions", number(chosen.n, 0)],
+    ["Strategies", String(chosen.strategies.length)],
     ["Least Δv", number(least("delta_v_km_s"), 4, "km/s")],
     ["Least propellant", number(least("propellant_kg"), 1, "kg")],
     ["Shortest flight", number(least("time_of_flight_days"), 1, "d")],
@@ -140,10 +138,10 @@ function none() {
 }
 
 async function draw() {
-  if (!seen || seen.places.length === 0) return;
-  const { all, chosen, places, ranges } = seen;
+  if (!seen || seen.chosen.n === 0) return;
+  const { all, chosen, ranges } = seen;
   parallel.show(all, ranges, sample(all));
-  await scatter.show(chosen, places, sample(chosen));
+  await scatter.show(chosen, sample(chosen));
 }
 
 /** @param {PointsView} points */
