@@ -97,7 +97,7 @@ def test_figures_show_each_strategy_and_outcome(archive, visit):
 def test_the_matrix_says_what_seeds_gave_and_cost(archive, visit):
     page = visit(f"{archive[1]}/campaigns/1")
     cell = page.inner_text("[data-chain='0-1']")
-    assert "100\u202f%" in cell and "2 seeds, 2 solves" in cell and "21.5\u00a0core-s a solution" in cell
+    assert "100\u202f%" in cell and "2 seeds, 2 solves" in cell and "21.5\u00a0core-s per solution" in cell
     assert page.locator(".chains th[scope=row]").all_inner_texts() == ["drawn", "seeds of k′ = 0"]
 
 
@@ -105,7 +105,7 @@ def test_a_new_result_appears_by_itself(visit, served, tmp_path):
     with served(tmp_path) as (store, url):
         known.submitted(store)
         page = visit(f"{url}/campaigns/1")
-        assert "waits for the seeds of s0" in page.inner_text("[data-search='s1-0']")
+        assert "waiting for seeds from s0" in page.inner_text("[data-search='s1-0']")
         assert "No guess has been solved yet" in page.inner_text("#outcome-mix")
         page.wait_for_selector("#connection[data-connection=live]")
         work = known.dispatcher(store)

@@ -73,7 +73,7 @@ def test_solutions_are_removed_and_added(sides, visit):
     assert columns(page) == [found[1].id]
     page.fill("#another", "nonsense")
     page.press("#another", "Enter")
-    page.wait_for_selector("#refused:has-text('expected its 32 digits')")
+    page.wait_for_selector("#refused:has-text('expected its id of 32 digits')")
     page.fill("#another", f"http://elsewhere/solutions/{found[0].id}")
     page.press("#another", "Enter")
     page.wait_for_selector("#title:has-text('Comparison of 2')")

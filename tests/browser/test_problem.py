@@ -37,7 +37,7 @@ def test_outages_stand_over_the_segments_and_in_the_matrix(problems, visit):
     page = visit(f"{problems[2]}/problems/{problems[1]}")
     assert page.locator("#outages g[data-trajectory]").count() == 2
     told = page.locator("#outages g[data-trajectory='1'] title").text_content()
-    assert "start of segment 24" in told and "leaves the forward half" in told and "26 segments" in told
+    assert "start of segment 24" in told and "branches off the forward leg" in told and "26 segments" in told
     assert page.locator("#sparsity path").count() == 2
     assert int(page.get_attribute("#sparsity-plot", "data-runs")) > 50
     assert "14 rows" in page.inner_text("#sparsity figcaption")
@@ -46,9 +46,9 @@ def test_outages_stand_over_the_segments_and_in_the_matrix(problems, visit):
 def test_chances_are_read_at_the_best_solution_with_their_assumptions(problems, visit):
     page = drawn(visit(f"{problems[2]}/problems/{problems[1]}"))
     words = page.inner_text("#counts figcaption")
-    assert "Weibull" in words and re.search(r"one or more with \d+\u202f%", words)
+    assert "Weibull" in words and re.search(r"probability of an outage until then is \d+\u202f%", words)
     # method.md, section 13: F(1 d) = 1 - exp(-(1/2.459)^1.144) = 0.30.
-    assert "1.0\u00a0d suffice for 30\u202f%" in page.inner_text("#durations figcaption")
+    assert "30\u202f% of outages last at most 1.0\u00a0d" in page.inner_text("#durations figcaption")
     assert page.evaluate("document.getElementById('counts-plot').data.length") == 3
 
 
@@ -58,7 +58,7 @@ def test_best_solutions_and_relatives_are_one_press_away(problems, archive, visi
     best = archive[0].all_records(Filter(search="s0"))[0].id
     assert page.locator("#best tr[data-id]").first.get_attribute("data-id") == best
     assert page.get_attribute("#all", "href") == f"/archive?problem={problems[0]}"
-    assert "need survive no outage" in page.inner_text("#goal")
+    assert "no outage to survive" in page.inner_text("#goal")
     page.click("#more tr[data-id] a")
     page.wait_for_url(f"**/problems/{problems[1]}")
     page.wait_for_selector("#fewer tr[data-id]")

@@ -56,7 +56,7 @@ def test_figures_show_violation_delta_v_step_size_and_time(hopped, visit):
     assert re.search(r"Median [\d.]+.s", page.inner_text("#time figcaption"))
     assert page.evaluate("document.getElementById('reach-plot').data.length") == 2
     laws = page.inner_text("#laws")
-    assert "pareto" in laws and "yes, from" in laws and "after 4 rejected hops" in laws
+    assert "pareto" in laws and "yes, from" in laws and "after 4 consecutive rejected hops" in laws
 
 
 def test_a_mark_of_a_figure_leads_to_its_solution(hopped, visit):
@@ -83,7 +83,7 @@ def test_a_law_that_does_not_adapt_shows_how_far_it_reaches(hopped, visit, serve
 
 def test_seeds_are_rows_with_what_each_gave(hopped, visit):
     page = visit(f"{hopped}/campaigns/1/searches/mapped")
-    assert page.inner_text("#hops h2") == "What became of each seed"
+    assert page.inner_text("#hops h2") == "Outcome of each seed"
     n_seeds = page.locator("#rows tbody tr").count()
     assert page.locator("[data-solve]").count() == 6 * n_seeds > 0
     page.wait_for_selector("#reach-plot[data-drawn]")

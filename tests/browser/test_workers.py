@@ -52,9 +52,9 @@ def test_without_a_worker_the_page_says_how_to_start_one(visit, served, tmp_path
         page = visit(f"{url}/workers")
         assert f"coastarc dispatch --url {url} --workers 2" in page.inner_text("#no-worker")
         assert "token" not in page.inner_text("#no-worker")
-        assert "Nothing was worked on" in page.inner_text("#gantt")
+        assert "No job ran in this period" in page.inner_text("#gantt")
         hopping.submitted(store)
-        page.wait_for_selector("#no-worker >> text=jobs wait")
+        page.wait_for_selector("#no-worker >> text=jobs are waiting")
         page.close()
 
 
@@ -81,9 +81,7 @@ def test_a_worker_is_shown_with_what_it_does_and_needs(busy, visit):
     for words in ("node7:4711", "connected", "2 of 2 slots", "1.50\xa0cores", "1.50\xa0GiB of 16\xa0GiB"):
         assert words in row
     assert "2 of 2" in page.inner_text("#facts")
-    assert (
-        page.locator("[role=meter][aria-label='Processors in use']").get_attribute("aria-valuenow") == "1.5"
-    )
+    assert page.locator("[role=meter][aria-label='CPU cores in use']").get_attribute("aria-valuenow") == "1.5"
 
 
 def test_attempts_are_bars_coloured_by_how_they_ended(busy, visit):
@@ -119,7 +117,7 @@ def test_a_dead_job_tells_its_error_in_full_and_is_tried_again(busy, visit):
     assert page.get_attribute(f"[data-key='error-{job}']", "aria-expanded") == "true"
     page.click(f"[data-key='requeue-{job}']")
     answered(page, "Requeue the job")
-    page.wait_for_selector("#jobs-note >> text=No job was given up")
+    page.wait_for_selector("#jobs-note >> text=No job is dead")
     assert store.job(job).state == "queued"
 
 

@@ -1,8 +1,8 @@
-/** The REST API, as every view asks it: JSON in, JSON out, refusals with their words. */
+/** The client of the REST API: JSON in, JSON out, errors with their messages. */
 
 export const ROOT = "/api/v1";
 
-/** A refusal of the service, or its silence (status 0). */
+/** An error response, or status 0 where there was none. */
 export class ApiError extends Error {
   /**
    * @param {number} status
@@ -37,7 +37,7 @@ export function get(path, query) {
 }
 
 /**
- * Return what a route has, or null where the name in its path is that of nothing, or is none.
+ * Return what a route has, or null where the id in its path is unknown or invalid.
  * @param {string} path
  * @returns {Promise<any>}
  */
@@ -63,7 +63,7 @@ export function post(path, body, headers = {}) {
 }
 
 /**
- * Send a file as it is.
+ * Send a file unchanged.
  * @param {string} path
  * @param {File} file
  * @param {string} type
@@ -93,7 +93,7 @@ async function ask(url, options) {
 }
 
 /**
- * Leave for the page that asks for a token, which leads back here; nothing is answered meanwhile.
+ * Go to the sign-in page, which leads back here; the request never completes.
  * @returns {Promise<never>}
  */
 function signIn() {

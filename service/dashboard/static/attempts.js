@@ -8,11 +8,11 @@ import { colour } from "./theme.js";
 
 /** @import { AttemptView } from "../types" */
 
-/** Bars of one picture. */
+/** Bars of one figure. */
 const MOST = 5000;
-/** How often a part that is drawn from all is drawn anew [ms]. */
+/** How often a sample is read again [ms]. */
 const DRAWN_MS = 6000;
-/** What an answer may have missed of the moment before it [ms]. */
+/** Overlap of two requests: an answer may miss attempts of the last moment [ms]. */
 const OVERLAP_MS = 2000;
 
 export class Attempts {
@@ -56,7 +56,7 @@ export class Attempts {
     this.until = Date.parse(answer.until);
     this.forget(this.until - 1000 * this.seconds);
     if (!isWhole) this.nAll = this.byKey.size;
-    // Too many for one picture by now: they are drawn from all.
+    // Too many for one figure: from now on a sample is read.
     if (this.byKey.size > MOST) this.until = 0;
   }
 
@@ -73,12 +73,12 @@ export class Attempts {
 
 /** @typedef {{ name: string, lanes: AttemptView[][] }} Group */
 
-/** How attempts end: words, and a colour of the style sheet; those that failed get an edge as well. */
+/** How attempts end: words and a colour of the style sheet; failed ones have an outline too. */
 const ENDINGS = /** @type {Record<string, { words: string, colour: string, isFailed?: boolean }>} */ ({
   running: { words: "running", colour: "accent" },
   feasible: { words: "feasible", colour: "good" },
   infeasible: { words: "infeasible", colour: "coast" },
-  timeout: { words: "out of time", colour: "series-2" },
+  timeout: { words: "timed out", colour: "series-2" },
   numerical: { words: "not finite", colour: "target" },
   error: { words: "error", colour: "outage", isFailed: true },
   crash: { words: "crash", colour: "outage", isFailed: true },
@@ -102,7 +102,7 @@ export class Gantt {
   constructor(place) {
     this.figure = new SvgFigure(place, "What each worker did");
     this.figure.plot.classList.add("gantt");
-    this.readout = el("p", { class: "muted readout", "aria-live": "polite" }, "Point at a bar for what it was; press it for its search.");
+    this.readout = el("p", { class: "muted readout", "aria-live": "polite" }, "Hover over a bar for details; click it to open its search.");
     this.figure.plot.after(this.readout);
     /** @type {Map<string, AttemptView>} */
     this.byKey = new Map();
@@ -119,8 +119,8 @@ export class Gantt {
     const groups = groupsOf(attempts.all, now);
     const span = 1000 * attempts.seconds;
     this.readout.hidden = groups.length === 0;
-    if (groups.length === 0) return this.figure.show(() => ({ height: 48, content: [svg("text", { x: 0, y: 26, fill: colour("muted") }, "Nothing was worked on in this time.")] }), "");
-    this.figure.show((width) => picture(groups, width, now, span), sampled(attempts.byKey.size, attempts.nAll, "attempts"));
+    if (groups.length === 0) return this.figure.show(() => ({ height: 48, content: [svg("text", { x: 0, y: 26, fill: colour("muted") }, "No job ran in this period.")] }), "");
+    this.figure.show((width) => chart(groups, width, now, span), sampled(attempts.byKey.size, attempts.nAll, "attempts"));
   }
 
   redraw() {
@@ -166,7 +166,7 @@ function groupsOf(attempts, now) {
  * @param {number} now
  * @param {number} span
  */
-function picture(groups, width, now, span) {
+function chart(groups, width, now, span) {
   const begin = now - span;
   const at = (/** @type {number} */ moment) => (width * Math.min(Math.max(moment - begin, 0), span)) / span;
   const nLanes = groups.reduce((sum, { lanes }) => sum + lanes.length, 0);

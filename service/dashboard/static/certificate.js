@@ -1,11 +1,12 @@
-/** The certificate of a solution: what an independent flight found, trajectory by trajectory. */
+/** The certificate of a solution: what independent verification found, trajectory by trajectory. */
 
 import { el, fill } from "./dom.js";
 import { epoch, number, small } from "./format.js";
+import { LEVELS } from "./looks.js";
 
 /** @import { CertificateContent, CertificateDocument, CertifiedApproach, CertifiedTrajectory } from "../types" */
 
-const HEAD = ["Trajectory", "Miss at arrival", "Lowest over the Earth", "Lowest over the Moon", "Propellant", "Arrives with"];
+const HEAD = ["Trajectory", "Miss at arrival", "Lowest above the Earth", "Lowest above the Moon", "Propellant", "Final mass"];
 
 /**
  * @param {HTMLElement} place
@@ -15,7 +16,7 @@ const HEAD = ["Trajectory", "Miss at arrival", "Lowest over the Earth", "Lowest 
 export function showCertificate(place, found, id) {
   if (!found) {
     const command = el("code", {}, `coastarc solutions verify ${id.slice(0, 8)}`);
-    return fill(place, el("p", { class: "muted" }, "None yet. ", command, " flies the solution again, independently, and makes one."));
+    return fill(place, el("p", { class: "muted" }, "None yet. ", command, " verifies the solution independently and creates one."));
   }
   const { content } = found;
   const reasons = [...content.marks, content.failure].filter(Boolean);
@@ -29,21 +30,21 @@ export function showCertificate(place, found, id) {
 }
 
 /** @param {CertificateContent} content */
-function pill(content) {
-  const kind = content.is_sound ? content.level : "none";
-  return el("span", { class: "pill", "data-verdict": kind }, `${content.is_sound ? `sound, ${content.level}` : "not sound"}${content.is_marginal ? ", marginal" : ""}`);
+function pill({ is_sound: isSound, is_marginal: isMarginal, level }) {
+  const words = isSound && level !== "none" ? `sound, ${LEVELS[level].name}` : "not sound";
+  return el("span", { class: "pill", "data-verdict": isSound ? level : "none" }, isMarginal ? `${words}, marginal` : words);
 }
 
 /** @param {CertificateDocument} found */
 function words(found) {
   const { min_altitude_km: least, min_altitudes_km: each } = found.content;
-  const limits = Object.entries(each ?? {}).map(([body, km]) => `${number(km, 0, "km")} over the ${body}`);
+  const limits = Object.entries(each ?? {}).map(([body, km]) => `${number(km, 0, "km")} above the ${body}`);
   const limit = limits.join(" and ") || number(least, 0, "km");
-  const again = found.checked_at === found.made_at ? "" : `, found again ${found.checked_at.slice(0, 10)}`;
+  const again = found.checked_at === found.made_at ? "" : `, confirmed ${found.checked_at.slice(0, 10)}`;
   return (
-    "Miss: how far from the target each trajectory arrives if it is flown from the departure and nothing is corrected. " +
-    `Passages below ${limit} are marked.${third(found.content)} Made ${found.made_at.slice(0, 10)} on ${found.made_on}` +
-    `${again}${found.is_from_elsewhere ? "; taken in from there, and not found again here" : ""}.`
+    "Miss: distance from the target at arrival when a trajectory is propagated from the departure without any correction. " +
+    `Approaches below ${limit} are marked.${third(found.content)} Made ${found.made_at.slice(0, 10)} on ${found.made_on}` +
+    `${again}${found.is_from_elsewhere ? "; imported from there, and not confirmed here" : ""}.`
   );
 }
 
@@ -51,13 +52,13 @@ function words(found) {
 function third({ third }) {
   if (!third) return "";
   const apart = third.trajectories.map((flown) => flown.apart[0] ?? Infinity);
-  return ` ${third.integrator} flies at most ${small(Math.max(...apart), "km")} beside.`;
+  return ` Propagation with ${third.integrator} differs by at most ${small(Math.max(...apart), "km")}.`;
 }
 
 /** @param {CertifiedTrajectory[]} trajectories */
 function table(trajectories) {
   const head = el("thead", {}, el("tr", {}, HEAD.map((text, i) => el("th", { scope: "col", class: i ? "number" : null }, text))));
-  const caption = el("caption", { class: "visually-hidden" }, "What the flight of each trajectory found");
+  const caption = el("caption", { class: "visually-hidden" }, "Verification of each trajectory");
   return el("table", {}, caption, head, el("tbody", {}, trajectories.map(row)));
 }
 

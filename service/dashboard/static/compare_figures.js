@@ -15,7 +15,7 @@ import { colour } from "./theme.js";
 /** @typedef {{ id: string, record: RecordInFull, flight: Flight | null }} Side */
 
 /**
- * Return the look of a side; strategies may be the same, so it is that of its place.
+ * Return the look of a side by its place, since sides may be of the same strategy.
  * @param {number} place
  */
 export function lookOf(place) {
@@ -33,7 +33,7 @@ export function nameOf(side, place, isShort = false) {
   return isShort ? name : `${name} ${shortId(side.id)}`;
 }
 
-/** Points of one picture. */
+/** Most points of one figure. */
 const MOST_POINTS = 5000;
 
 export class Overlay {
@@ -50,7 +50,7 @@ export class Overlay {
     this.tabs = el("div", { class: "tabs", role: "tablist", "aria-label": "Frame" }, FRAMES.map(({ id, title }) => el("button", { type: "button", role: "tab", "data-frame": id, onclick: () => onFrame(id) }, title)));
     this.tabs.addEventListener("keydown", (event) => this.turn(event));
     this.figure.buttons.before(el("label", { class: "switch" }, box, "Realizations"), this.tabs);
-    this.waiting = el("p", { class: "muted waiting", role: "status" }, "The solutions are being flown again for their pictures; the first time after a start this may take a minute.");
+    this.waiting = el("p", { class: "muted waiting", role: "status" }, "The solutions are being propagated for their figures; the first time after a start this may take a minute.");
     this.figure.plot.before(this.waiting);
   }
 
@@ -90,7 +90,7 @@ export class Overlay {
       ...sides.flatMap((side, place) => flown(side, hasRealizations).flatMap((trajectory, i) => arcs(trajectory, i, nameOf(side, place, isNarrow), lookOf(place).color, frame, step))),
     ];
     const note = FRAMES.find(({ id }) => id === frame)?.note ?? "";
-    const words = `${note} Thick: thrust; thin: coast; realizations dotted, without thrust orange. ${sampled(Math.ceil(n / step), n, "samples")}`;
+    const words = `${note} Thick: thrust; thin: coast; dotted: realizations; orange: outages. ${sampled(Math.ceil(n / step), n, "samples")}`;
     const layout = { ...sceneLayout(frame, proportions(traces), this.figure.plot.clientWidth), showlegend: true };
     this.waiting.hidden = true;
     await this.figure.show(traces, layout, words);
@@ -99,7 +99,7 @@ export class Overlay {
 }
 
 /**
- * Return the Moon where it stands still.
+ * Return the Moon, which is at rest in the rotating frame.
  * @param {Flight} flight
  */
 function moon(flight) {
@@ -151,7 +151,7 @@ function thinned(points, first, stop, step) {
 
 /** Samples of the mass of one trajectory. */
 const OF_MASS = 120;
-/** Height of the bars of one solution, of that of the figure. */
+/** Height of the bars of one solution as a share of the figure. */
 const LANE = 0.03;
 
 export class Profiles {
@@ -170,7 +170,7 @@ export class Profiles {
       const all = side.flight?.trajectories ?? [];
       return (hasRealizations ? all : all.slice(0, 1)).flatMap((trajectory, i) => lines(trajectory, i, nameOf(side, place, isNarrow), lookOf(place).color));
     });
-    const words = `Time since departure of each.${hasRealizations ? " Realizations are dotted." : ""} Bars above: outages, in the colour of the solution that survives them.`;
+    const words = `Time since the departure of each solution.${hasRealizations ? " Realizations are dotted." : ""} Bars above: outages, in the colour of the solution that survives them.`;
     await this.figure.show(traces, layout(sides), words);
     this.figure.plot.dataset.sides = String(sides.length);
   }

@@ -9,7 +9,7 @@ import { el, fill } from "./dom.js";
  */
 
 /**
- * Ask before doing something; what the service refuses is said in the dialog, which then stays open.
+ * Ask before doing something; an error of the service is shown in the dialog, which then stays open.
  * @param {string} title a question
  * @param {Child[]} words what will happen
  * @param {string} verb on the button that does it
@@ -171,7 +171,7 @@ function askPriority(campaign, onChanged) {
  */
 export function askWeight(campaign, search, onChanged) {
   const words = [
-    el("p", {}, "Among searches of equal priority, one of weight 2 gets twice the processor time of one of weight 1. Lower priorities go first."),
+    el("p", {}, "Among searches of equal priority, one of weight 2 gets twice the CPU time of one of weight 1. Lower priorities go first."),
     field("weight", "Weight", search.weight, { step: "any", min: 0.001, max: 1_000_000 }),
     field("priority", "Priority", search.priority, { step: 1, min: -1_000_000, max: 1_000_000 }),
   ];

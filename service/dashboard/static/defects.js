@@ -1,4 +1,4 @@
-/** Defects at the matchpoints, as solved and as verified: a table, and a picture against the tolerances. */
+/** Defects at the matchpoints, as solved and as verified: a table, and a figure against the tolerances. */
 
 import { el, fill, svg } from "./dom.js";
 import { SvgFigure } from "./figures.js";
@@ -10,12 +10,12 @@ import { colour } from "./theme.js";
 
 /** Tolerances of docs/method.md: position [km], velocity [km/s], mass [kg]. */
 const STRICT = [0.1, 1e-4, 0.01];
-const PAPER = [1, 0.1, 1];
+const LOOSE = [1, 0.1, 1];
 const PARTS = ["position", "velocity", "mass"];
 const UNITS = ["km", "km/s", "kg"];
-const HEAD = ["Trajectory", "Part", "Solved", "Verified", "Strict", "Paper"];
+const HEAD = ["Trajectory", "Part", "Solved", "Verified", "Strict", "Loose"];
 const HEAD_CLASSES = [null, null, "number", "number", "number minor", "number minor"];
-/** The picture reaches over these powers of ten of the strict tolerance; what is beyond stands at the edge. */
+/** Powers of ten of the strict tolerance that the figure shows; values beyond are drawn at the edge. */
 const [LEAST, MOST] = [-8, 4];
 const ROW_PX = 17;
 
@@ -35,7 +35,7 @@ export function showDefectTable(place, judged) {
         el("td", { class: "number" }, small(solved[j], UNITS[j])),
         el("td", { class: "number", "data-within": within(verified[j], j) }, small(verified[j], UNITS[j])),
         el("td", { class: "number muted minor" }, `≤ ${small(STRICT[j])}`),
-        el("td", { class: "number muted minor" }, `≤ ${small(PAPER[j])}`),
+        el("td", { class: "number muted minor" }, `≤ ${small(LOOSE[j])}`),
       ),
     );
   });
@@ -54,7 +54,7 @@ export class DefectFigure {
   show(judged) {
     this.figure.show(
       (width) => drawing(judged, width),
-      "Verified (●) and solved (○), in parts of the strict tolerance; the paper’s is the upright mark.",
+      "Verified (●) and solved (○), as multiples of the strict tolerance; the upright mark is the loose tolerance.",
     );
   }
 }
@@ -92,12 +92,12 @@ function rows(judged, i, left, x, isNarrow) {
   return PARTS.flatMap((part, j) => {
     const y = 20 + i * (3 * ROW_PX + 8) + j * ROW_PX;
     const tint = colour({ strict: "good", paper: "fair", none: "poor" }[within(verified[j], j)] ?? "poor");
-    const told = `${nameOf(i)}, ${part}: solved ${small(solved[j], UNITS[j])}, verified ${small(verified[j], UNITS[j])}`;
-    const paper = x(PAPER[j] / STRICT[j]);
+    const label = `${nameOf(i)}, ${part}: solved ${small(solved[j], UNITS[j])}, verified ${small(verified[j], UNITS[j])}`;
+    const loose = x(LOOSE[j] / STRICT[j]);
     return [
       svg("text", { x: left - 10, y: y + 4, "text-anchor": "end", fill: colour("muted"), "font-size": 11.5 }, j === 0 ? `${name}, ${part}` : part),
-      svg("line", { x1: paper, x2: paper, y1: y - 6, y2: y + 6, stroke: colour("fair"), "stroke-width": 2 }),
-      svg("g", {}, svg("title", {}, told), svg("circle", { cx: x(solved[j] / STRICT[j]), cy: y, r: 4.5, fill: "none", stroke: colour("muted"), "stroke-width": 1.5 }), svg("circle", { cx: x(verified[j] / STRICT[j]), cy: y, r: 4, fill: tint })),
+      svg("line", { x1: loose, x2: loose, y1: y - 6, y2: y + 6, stroke: colour("fair"), "stroke-width": 2 }),
+      svg("g", {}, svg("title", {}, label), svg("circle", { cx: x(solved[j] / STRICT[j]), cy: y, r: 4.5, fill: "none", stroke: colour("muted"), "stroke-width": 1.5 }), svg("circle", { cx: x(verified[j] / STRICT[j]), cy: y, r: 4, fill: tint })),
     ];
   });
 }
@@ -123,5 +123,5 @@ function norms(row) {
  */
 function within(value, part) {
   if (value <= STRICT[part]) return "strict";
-  return value <= PAPER[part] ? "paper" : "none";
+  return value <= LOOSE[part] ? "paper" : "none";
 }

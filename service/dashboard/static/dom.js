@@ -1,4 +1,4 @@
-/** Elements without markup strings: text from users stays text. */
+/** Elements created without markup strings, so that text from users stays text. */
 
 const SVG = "http://www.w3.org/2000/svg";
 

@@ -1,4 +1,4 @@
-/** Pictures: those of plotly and our own in SVG, with title, caption and buttons that save them. */
+/** Figures drawn by plotly or as SVG, with title, caption and buttons that save them. */
 
 import { el, fill, svg } from "./dom.js";
 import { number } from "./format.js";
@@ -22,14 +22,14 @@ export function plotly() {
 }
 
 /**
- * Draw a picture, or change it into another one; `data-drawn` counts how often.
+ * Draw or update a figure; `data-drawn` counts how often.
  * @param {HTMLElement} place
  * @param {object[]} traces
  * @param {object} layout
  */
 export async function draw(place, traces, layout) {
   const library = await plotly();
-  // One task for each picture: in between the browser shows what is done, and answers its user.
+  // One task per figure, so that the browser can paint and respond in between.
   await new Promise((resolve) => window.setTimeout(resolve));
   const font = { family: getComputedStyle(document.body).fontFamily, size: 12, color: colour("muted") };
   const shared = {
@@ -66,7 +66,7 @@ export function axis(title, more = {}) {
 }
 
 /**
- * Save a picture as a file, on paper white whatever the theme.
+ * Save a figure as a file, on white whatever the theme.
  * @param {HTMLElement} place
  * @param {"svg" | "png"} format
  * @param {string} filename without its ending
@@ -139,7 +139,7 @@ export class Figure {
   }
 
   /**
-   * Say why there is nothing to draw, and what to do next.
+   * Show why there is nothing to draw, and what to do next.
    * @param {...(Child)} words
    */
   empty(...words) {
@@ -151,7 +151,7 @@ export class Figure {
 }
 
 /**
- * Say how many points of all are drawn; nothing where it is all of them.
+ * Return how many of all points are drawn, in words; nothing where all are.
  * @param {number} shown
  * @param {number} all
  * @param {string} [things]
@@ -162,7 +162,7 @@ export function sampled(shown, all, things = "points") {
 
 /** Pixels of a saved PNG for one of the screen. */
 const PNG_SCALE = 2;
-/** Redrawn only when the width changes by more [px]. */
+/** Changes of the width up to this are not redrawn [px]. */
 const SLACK_PX = 8;
 
 export class SvgFigure {

@@ -1,4 +1,4 @@
-/** A solution in samples, as `GET /solutions/{id}/trajectory` gives it: names, frames, and where things are when. */
+/** A solution in samples, as `GET /solutions/{id}/trajectory` gives it: names, frames and positions. */
 
 import { number } from "./format.js";
 import { colour } from "./theme.js";
@@ -26,9 +26,9 @@ export const FRAMES = [
   { id: "moon", title: "Moon-centred", note: "Moon-centred, J2000 axes; drawn within 100 000 km, the Moon to scale." },
 ];
 
-/** Below this throttle a segment counts as a coast in pictures. */
+/** Below this throttle a segment is drawn as a coast. */
 export const LIT = 0.02;
-/** How far from the Moon the Moon-centred picture reaches [km]. */
+/** Radius of the Moon-centred frame that is drawn [km]. */
 const MOON_REACH_KM = 1e5;
 /** @type {Point} */
 export const NOWHERE = [null, null, null];
@@ -42,7 +42,7 @@ export function nameOf(index) {
 }
 
 /**
- * Return colour and dash of a trajectory: told apart with any colour vision, and dashes tell what shares a colour.
+ * Return colour and dash of a trajectory, distinguishable with any colour vision; trajectories of one colour differ in dash.
  * @param {number} index
  */
 export function lookOf(index) {
@@ -81,7 +81,7 @@ function pointOf(track, i, frame) {
 }
 
 /**
- * Return where something is on a day, between its samples; nowhere before the first and after the last.
+ * Return the interpolated position on a day; NOWHERE outside the samples.
  * @param {Track} track
  * @param {number} day
  * @param {Frame} frame
@@ -100,7 +100,7 @@ export function placeAt(track, day, frame) {
 }
 
 /**
- * Return the last place of a sorted list whose value is at most so much.
+ * Return the index of the last entry of a sorted list that is at most a value.
  * @param {number[]} sorted
  * @param {number} value
  */
@@ -115,7 +115,7 @@ function before(sorted, value) {
 }
 
 /**
- * Return where the spacecraft is on a day: on its trajectory, and after its arrival on the target orbit.
+ * Return the spacecraft's position on a day: on its trajectory, after arrival on the target orbit.
  * @param {Flight} flight
  * @param {number} index
  * @param {number} day
@@ -156,7 +156,7 @@ export function dateOf(record, day) {
 }
 
 /**
- * Say which outage a realization recovers from.
+ * Return the outage that a realization recovers from, in words.
  * @param {Trajectory} trajectory
  */
 export function outageText(trajectory) {

@@ -1,4 +1,4 @@
-/** The flight on its page: frame, moment and switches, and the pictures that follow them. */
+/** The flight of a solution: frame, time and switches, and the figures that follow them. */
 
 import { ApiError, get } from "./api.js";
 import { byId, el, fill } from "./dom.js";
@@ -12,7 +12,7 @@ import { TrajectoryFigure } from "./trajectory.js";
 
 /** @import { Flight, Frame } from "./flight.js" */
 
-/** Of all trajectories: as many as a picture of this size shows. */
+/** Samples of all trajectories together: as many as a figure of this size resolves. */
 const SAMPLES = 2000;
 
 export class FlightView {
@@ -25,7 +25,7 @@ export class FlightView {
     this.legend = el("ul", { class: "legend", id: "legend", "aria-label": "Legend" });
     this.player = el("div", { class: "player", role: "group", "aria-label": "Moment of the flight" });
     this.trajectory.figure.caption.before(this.player, this.legend);
-    this.waiting = el("p", { class: "muted waiting", role: "status" }, "The solution is being flown again for its pictures; the first time after a start this may take a minute.");
+    this.waiting = el("p", { class: "muted waiting", role: "status" }, "The solution is being propagated for its figures; the first time after a start this may take a minute.");
     this.trajectory.plot.before(this.waiting);
     /** @type {Set<number>} */
     this.hidden = new Set();
@@ -44,7 +44,7 @@ export class FlightView {
       this.flight = completed(await get(`/solutions/${id}/trajectory`, { samples: SAMPLES, tracks: "inertial" }));
     } catch (error) {
       if (!(error instanceof ApiError)) throw error;
-      fill(this.waiting, `The trajectory could not be drawn: ${error.message} Load this page again to try once more.`);
+      fill(this.waiting, `The trajectory could not be drawn: ${error.message} Reload the page to try again.`);
       return;
     }
     this.waiting.hidden = true;
@@ -129,7 +129,7 @@ const SPEEDS = [1, 2, 5, 10, 20];
 const USUAL_SPEED = 5;
 /** One press of an arrow key [days]. */
 const STEP_DAYS = 0.1;
-/** Whom motion disturbs gets a picture a second instead of a film [ms]. */
+/** With reduced motion preferred, the flight moves once in this time instead of smoothly [ms]. */
 const STILL_MS = 1000;
 
 export class TimeSlider {

@@ -1,4 +1,4 @@
-/** Numbers and times as people read them, always with their unit; "–" where there is none. */
+/** Numbers and times for readers, with their units; "–" where there is none. */
 
 export const NONE = "–";
 const SUPERSCRIPTS = "⁰¹²³⁴⁵⁶⁷⁸⁹";
@@ -18,7 +18,7 @@ export function number(value, digits, unit = "") {
 const formats = new Map();
 
 /**
- * Return what writes numbers: making it anew for each of thousands takes as long as drawing them.
+ * Return a number format, cached: creating one for each number takes as long as drawing it.
  * @param {number} digits after the point
  */
 function formatOf(digits) {
@@ -28,7 +28,7 @@ function formatOf(digits) {
 }
 
 /**
- * Return a number of things with the word for one or for many.
+ * Return a number of things with its noun in singular or plural.
  * @param {number} n
  * @param {string} one
  * @param {string} [many] where an "s" at its end does not do
@@ -38,7 +38,7 @@ export function counted(n, one, many = `${one}s`) {
 }
 
 /**
- * Two significant digits, as a power of ten where that is shorter.
+ * Return two significant digits, as a power of ten where that is shorter.
  * @param {number | null | undefined} value
  * @param {string} [unit]
  */
@@ -63,7 +63,7 @@ export function percent(share) {
 }
 
 /**
- * A time span with its two leading units.
+ * Return a time span in its two leading units.
  * @param {number | null | undefined} seconds
  */
 export function duration(seconds) {

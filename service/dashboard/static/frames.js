@@ -1,4 +1,4 @@
-/** Positions in all frames from those in the inertial one: what a page need not be sent. */
+/** Positions in the other frames, computed from the inertial ones so that they need not be sent. */
 
 /** @import { Flight, Track } from "./flight.js" */
 
@@ -41,7 +41,7 @@ function complete(track, days, places) {
 function slope(days, places, i) {
   const n = places.length;
   const h = (days[n - 1] - days[0]) / (n - 1);
-  // Rounded places close to each other would give a velocity of noise.
+  // Positions are rounded: differences over short times would be noise.
   const q = Math.max(1, Math.min(Math.round(LEAST_STEP_DAYS / h), Math.floor((n - 1) / 6)));
   const side = i < 2 * q ? 0 : i > n - 1 - 2 * q ? 4 : 2;
   const first = i - side * q;
@@ -49,7 +49,7 @@ function slope(days, places, i) {
 }
 
 /**
- * Return where the Moon is: a cubic between two samples, right to a kilometre.
+ * Return the Moon's state by cubic interpolation, accurate to a kilometre.
  * @param {number} day
  * @param {number[]} days evenly spaced
  * @param {number[][]} places
@@ -68,7 +68,7 @@ function moonAt(day, days, places, velocities) {
 }
 
 /**
- * Return a place with x along the Moon and z along its angular momentum, scaled so that the Moon stays.
+ * Return a position in the rotating frame: x to the Moon, z along its angular momentum, scaled to its mean distance.
  * @param {number[]} place
  * @param {number[]} moon
  * @param {number[]} velocity of the Moon

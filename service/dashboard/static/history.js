@@ -1,9 +1,9 @@
-/** How a campaign came to what it has found: figures, and the matrix of seed chains. */
+/** The history of a campaign: figures, and the matrix of seed chains. */
 
 import { el, fill } from "./dom.js";
 import { axis, Figure } from "./figures.js";
 import { duration, NONE, number, percent } from "./format.js";
-import { lookOf, OUTCOMES } from "./looks.js";
+import { LEVELS, lookOf, OUTCOMES } from "./looks.js";
 import { colour } from "./theme.js";
 
 /** @import { BoxView, ChainView, HistoryView, RatioView, StrategyView } from "../types" */
@@ -13,7 +13,7 @@ const RARE = 0.01;
 const LEGEND = { orientation: "h", x: 0, y: 1.02, yanchor: "bottom" };
 const UNITS = /** @type {[number, string][]} */ ([[86400, "d"], [3600, "h"], [60, "min"], [1, "s"]]);
 
-/** When the best delta-v of each strategy improved. */
+/** The best delta-v of each strategy against the core-hours spent. */
 export class BestSoFar {
   /** @param {HTMLElement} place */
   constructor(place) {
@@ -23,19 +23,19 @@ export class BestSoFar {
   /** @param {HistoryView} history */
   async show(history) {
     const found = history.strategies.filter((one) => one.steps.length > 0);
-    if (found.length === 0) return this.figure.empty("No strict solution yet: the first one starts a line here.");
+    if (found.length === 0) return this.figure.empty("No strict solution yet; the first one starts a line here.");
     const traces = found.map(bestTrace);
     const x = axis("Core-hours spent by the strategy [h]", { type: "log", exponentformat: "power", dtick: 1 });
     const [range, isCut] = bestRange(found);
     const layout = { xaxis: x, yaxis: axis("Best Δv [km/s]", { range }), showlegend: true, hovermode: "closest" };
     const above = isCut ? `First solutions above ${number(range[1], 2, "km/s")} are not shown. ` : "";
-    await this.figure.show(traces, layout, `${above}Strict solutions; hours of failures are counted, those of the seeds are not. A mark opens its solution.`);
+    await this.figure.show(traces, layout, `${above}Strict solutions. Core-hours include failed solves, but not those spent on the seeds. Click a mark to open its solution.`);
     this.figure.linkMarks();
   }
 }
 
 /**
- * Return a range in which improvements can be told apart, though the first solutions are far worse.
+ * Return a range in which improvements are visible although the first solutions are far worse.
  * @param {StrategyView[]} found
  * @returns {[[number, number], boolean]} the range, and whether something lies above it
  */
@@ -60,7 +60,7 @@ function bestTrace(one) {
     y: [...one.steps.map((step) => step.delta_v_km_s), last.delta_v_km_s],
     customdata: [...one.steps.map((step) => step.solution_id), last.solution_id],
     line: { shape: "hv", color, dash, width: 2 },
-    // The line goes on until now without another mark.
+    // The line continues to the present without another mark.
     marker: { symbol, color, size: [...one.steps.map(() => 7), 0] },
     hovertemplate: `${one.strategy}: %{y:.4f} km/s after %{x:.3g} core-h<extra></extra>`,
   };
@@ -76,7 +76,7 @@ export class OutcomeMix {
   /** @param {HistoryView} history */
   async show({ outcomes }) {
     const n = outcomes.strict.length;
-    if (n === 0) return this.figure.empty("No guess has been solved yet. If this lasts, look at whether a worker is connected.");
+    if (n === 0) return this.figure.empty("No guess has been solved yet. If this persists, check that a worker is connected.");
     const width = outcomes.width_seconds;
     const [unit, name] = UNITS.find(([seconds]) => n * width >= 2 * seconds) ?? [1, "s"];
     const x = Array.from({ length: n }, (_, i) => ((i + 0.5) * width) / unit);
@@ -91,11 +91,11 @@ export class OutcomeMix {
       hovertemplate: `%{y} ${words}<extra></extra>`,
     }));
     const layout = { barmode: "stack", bargap: 0, xaxis: axis(`Time since the start [${name}]`), yaxis: axis("Solves"), showlegend: true, hovermode: "x", legend: { ...LEGEND, traceorder: "normal" } };
-    await this.figure.show(traces, layout, `Each bar stands for ${width % unit ? duration(width) : number(width / unit, 0, name)}.`);
+    await this.figure.show(traces, layout, `Each bar covers ${width % unit ? duration(width) : number(width / unit, 0, name)}.`);
   }
 }
 
-/** Which share of the solves of each strategy was feasible. */
+/** The share of feasible solves of each strategy. */
 export class Feasibility {
   /** @param {HTMLElement} place */
   constructor(place) {
@@ -111,7 +111,7 @@ export class Feasibility {
     const ticks = { tickvals: strategies.map((_, i) => i), ticktext: strategies.map(({ strategy }) => strategy) };
     const x = isRare ? axis("Feasible solves [%]", { type: "log" }) : axis("Feasible solves [%]", { range: [-2, 102] });
     const layout = { xaxis: x, yaxis: axis("", { ...ticks, range: [strategies.length - 0.5, -0.5], showgrid: false }), showlegend: true };
-    await this.figure.show(traces, layout, "Solves that the independent flight found feasible, with Wilson’s 95 % interval.");
+    await this.figure.show(traces, layout, "Share of solves that the independent verification found feasible, with 95 % Wilson intervals.");
   }
 }
 
@@ -128,7 +128,7 @@ function ratioTrace(strategies, level, ratioOf, shift) {
   return {
     type: "scatter",
     mode: "markers",
-    name: level === "strict" ? "strict tolerance" : "paper’s tolerance",
+    name: `${LEVELS[level].name}: ${LEVELS[level].bounds}`,
     x: values,
     y: strategies.map((_, i) => i + shift),
     error_x: {
@@ -146,16 +146,16 @@ function ratioTrace(strategies, level, ratioOf, shift) {
   };
 }
 
-/** How good the solutions of each strategy are, by how long outages last. */
+/** Delta-v of the solutions of each strategy by outage duration. */
 export class Boxes {
   /** @param {HTMLElement} place */
   constructor(place) {
-    this.figure = new Figure(place, "Δv by strategy and duration of outages");
+    this.figure = new Figure(place, "Δv by strategy and outage duration");
   }
 
   /** @param {HistoryView} history */
   async show({ delta_v: boxes }) {
-    if (boxes.length === 0) return this.figure.empty("No strict solution yet; each strategy and duration gets a box.");
+    if (boxes.length === 0) return this.figure.empty("No strict solution yet; each strategy and outage duration gets a box.");
     const places = boxPlaces(boxes);
     const strategies = [...new Set(boxes.map(({ strategy }) => strategy))];
     const traces = strategies.map((strategy) => boxTrace(strategy, boxes, places));
@@ -163,20 +163,20 @@ export class Boxes {
       const own = places.filter((_, i) => boxes[i].strategy === strategy);
       return (own[0] + own[own.length - 1]) / 2;
     };
-    // Where labels would run into each other, the order has to do.
+    // Without room for labels, only the order of the boxes tells durations.
     const isNarrow = this.figure.plot.clientWidth < 14 * boxes.length + 90;
     const ticks = { tickvals: places, ticktext: isNarrow ? boxes.map(() => "") : boxes.map(durationText), tickangle: -90, tickfont: { size: 10 }, showgrid: false };
     const names = strategies.map((strategy) => ({ x: middle(strategy), y: 1, yref: "paper", yanchor: "bottom", text: strategy, showarrow: false, textangle: strategies.length > 5 ? -40 : 0, font: { size: 11 } }));
-    const layout = { xaxis: axis(isNarrow ? "Longer outages to the right" : "Duration of each outage [d]", ticks), yaxis: axis("Δv [km/s]"), annotations: names, margin: { l: 64, r: 24, t: 44, b: 60 } };
+    const layout = { xaxis: axis(isNarrow ? "Outage duration increases to the right" : "Outage duration [d]", ticks), yaxis: axis("Δv [km/s]"), annotations: names, margin: { l: 64, r: 24, t: 44, b: 60 } };
     const shown = boxes.reduce((sum, box) => sum + box.sample_km_s.length, 0);
     const all = boxes.reduce((sum, box) => sum + box.n_solutions, 0);
-    const points = shown < all ? `${number(shown, 0)} of ${number(all, 0)} solutions are drawn as points, evenly by rank; boxes are of all. ` : "";
-    await this.figure.show(traces, layout, `${points}Boxes from quartile to quartile, whiskers from the least to the greatest; strict solutions.`);
+    const points = shown < all ? `${number(shown, 0)} of ${number(all, 0)} solutions are drawn as points, evenly by rank; the boxes use all of them. ` : "";
+    await this.figure.show(traces, layout, `${points}Strict solutions: boxes from the lower to the upper quartile, whiskers from the minimum to the maximum.`);
   }
 }
 
 /**
- * Return where each box stands: with a gap between strategies.
+ * Return the position of each box, with a gap between strategies.
  * @param {BoxView[]} boxes
  */
 function boxPlaces(boxes) {
@@ -254,6 +254,6 @@ function cell(chain) {
     { style: `--shade:${Math.round(45 * share)}%`, "data-chain": `${chain.seed_k ?? "drawn"}-${chain.k}`, title },
     el("strong", {}, percent(share)),
     el("span", {}, used),
-    el("span", {}, cost === null ? "no solution yet" : `${number(cost, cost < 100 ? 1 : 0, "core-s")} a solution`),
+    el("span", {}, cost === null ? "no solution yet" : `${number(cost, cost < 100 ? 1 : 0, "core-s")} per solution`),
   );
 }

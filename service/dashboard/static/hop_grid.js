@@ -19,10 +19,10 @@ import { colour } from "./theme.js";
 /** Least and greatest width of a cell [px]. */
 const CELLS_PX = [11, 26];
 const LABEL_PX = 46;
-/** Room for the beginning of a seed's hash. */
+/** Width of a label with a seed's hash [px]. */
 const SEED_PX = 72;
 const HEAD_PX = 16;
-/** Rows of one block before another one is begun beside it. */
+/** Rows of a block before the next one begins beside it. */
 const BLOCK_ROWS = 6;
 
 export class HopGrid {
@@ -44,11 +44,11 @@ export class HopGrid {
    * @param {string} caption
    */
   show(solves, search, caption) {
-    this.figure.heading.textContent = search.isMapped ? "What became of each seed" : search.hops > 1 ? "Hops of each chain" : "Solves, in order of their chains";
+    this.figure.heading.textContent = search.isMapped ? "Outcome of each seed" : search.hops > 1 ? "Hops of each chain" : "Solves, in order of their chains";
     this.solves = new Map(solves.map((solve) => [String(solve.id), solve]));
     const sheet = sheetOf(solves, search);
-    this.figure.show((width) => picture(sheet, width), `${caption}${sheet.about}`);
-    if (!this.readout.textContent) fill(this.readout, "Point at a mark, or reach it with the arrow keys, for its numbers; press it for its solution.");
+    this.figure.show((width) => chart(sheet, width), `${caption}${sheet.about}`);
+    if (!this.readout.textContent) fill(this.readout, "Hover over a mark, or move to it with the arrow keys, for its numbers; click it to open its solution.");
     this.figure.plot.querySelector("[data-solve]")?.setAttribute("tabindex", "0");
   }
 
@@ -104,7 +104,7 @@ function words(solve) {
  */
 function sheetOf(solves, { isMapped, hops }) {
   const pairs = [...new Set(solves.map((solve) => `${solve.case}/${solve.mapping}`))];
-  // One column would be a long thin line: it is folded.
+  // A single column is wrapped into several.
   if (isMapped ? pairs.length === 1 : hops === 1) {
     return { rows: [{ label: "", cells: solves.map((solve, column) => ({ column, solve })) }], heads: [], about: isMapped ? "One mark for each seed." : "One mark for each chain: this search does not hop." };
   }
@@ -131,7 +131,7 @@ function sheetOf(solves, { isMapped, hops }) {
  * @param {Sheet} sheet
  * @param {number} width
  */
-function picture({ rows, heads }, width) {
+function chart({ rows, heads }, width) {
   const longest = rows.reduce((most, { label }) => Math.max(most, label.length), 0);
   const room = longest === 0 ? 6 : longest > 6 ? SEED_PX : LABEL_PX;
   const widest = 1 + rows.reduce((most, { cells }) => Math.max(most, cells.reduce((end, { column }) => Math.max(end, column), 0)), 0);
@@ -203,7 +203,7 @@ function shown(solve, x, y, r) {
 
 /** @typedef {"start" | "accepted" | "rejected" | "restarted" | "mapped"} Role */
 
-/** What the roles are called in legends. */
+/** Names of the roles in legends. */
 export const ROLES = /** @type {Record<Role, string>} */ ({
   start: "fresh start",
   accepted: "hop accepted",
@@ -211,7 +211,7 @@ export const ROLES = /** @type {Record<Role, string>} */ ({
   restarted: "rejected, then restarted",
   mapped: "mapped seed",
 });
-/** Room for a letter of a legend [px]. */
+/** Width of a letter of the legend [px]. */
 const LETTER_PX = 6.6;
 const LINE_PX = 20;
 

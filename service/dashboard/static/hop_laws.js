@@ -1,4 +1,4 @@
-/** The laws of a search in words, and how far its hops reach. */
+/** The laws of a search in words, and the distribution of its step sizes. */
 
 import { axis, Figure } from "./figures.js";
 import { NONE, number, small } from "./format.js";
@@ -32,7 +32,7 @@ const N_POINTS = 160;
 export function lawFacts(laws, hops) {
   /** @type {[string, string][]} */
   const guess = [["Guess law", GUESSES[laws.guess_law] ?? laws.guess_law]];
-  if (hops === 1) return [...guess, ["Hops", "none: every solve starts afresh (multistart)"]];
+  if (hops === 1) return [...guess, ["Hops", "none: every solve is a new random start (multistart)"]];
   const range = laws.width_range;
   return [
     ...guess,
@@ -40,12 +40,12 @@ export function lawFacts(laws, hops) {
     ["Width", `${small(laws.width)} of the range of each variable`],
     ["Tail exponent", laws.shape === null ? NONE : number(laws.shape, 2)],
     ["Adaptive", range ? `yes, from ${small(range[0])} to ${small(range[1])}` : "no"],
-    ["Time hops", laws.time_hop_probability > 0 ? `each time drawn afresh in ${number(100 * laws.time_hop_probability, 0)} % of hops` : "none"],
-    ["Restart", `after ${number(laws.max_failures, 0)} rejected hops in a row`],
+    ["Time hops", laws.time_hop_probability > 0 ? `each time variable is redrawn in ${number(100 * laws.time_hop_probability, 0)} % of hops` : "none"],
+    ["Restart", `after ${number(laws.max_failures, 0)} consecutive rejected hops`],
   ];
 }
 
-/** Adaptive widths by hop; of a law that stays as it is, how often a hop reaches how far. */
+/** Adaptive widths by hop; for a law of constant width, the probability of longer steps. */
 export class ReachFigure extends Figure {
   /**
    * @param {Solve[]} solves
@@ -57,14 +57,14 @@ export class ReachFigure extends Figure {
     if (hops === 1) return this.empty("This search does not hop: each of its chains is one solve.");
     if (!laws.adaptive) return this.reach(laws);
     const known = solves.filter(({ width }) => width !== null);
-    if (known.length === 0) return this.empty("No hop yet: the first solve of a chain starts afresh.");
+    if (known.length === 0) return this.empty("No hop yet: the first solve of a chain is a new start.");
     const value = (/** @type {Solve} */ solve) => solve.width ?? 0;
     const at = (/** @type {Solve} */ solve) => solve.hop + 1;
     const last = middle(known, value);
     return this.show(
       [{ ...lines(known, at, value), line: { color: colour("reference"), width: 1 }, opacity: 0.5 }, last],
       { showlegend: true, margin: { l: 64, r: 12, t: 34, b: 44 }, xaxis: axis("hop of the chain"), yaxis: axis("hop width [range of a variable]", { type: "log", exponentformat: "power", dtick: decades(known.map(value)) }) },
-      `${caption}A ${laws.hop_law} law whose width grows with each accepted hop and shrinks with each rejected one; a restart sets it back.`,
+      `${caption}A ${laws.hop_law} law whose width grows with each accepted hop and shrinks with each rejected one; a restart resets it.`,
     );
   }
 
@@ -80,7 +80,7 @@ export class ReachFigure extends Figure {
         yaxis: axis("chance of a longer step [%]", { rangemode: "tozero" }),
         shapes: [{ type: "line", yref: "paper", y0: 0, y1: 1, x0: width, x1: width, line: { color: colour("muted"), width: 1, dash: "dash" } }],
       },
-      `The ${law} law of this search; its width, ${small(width)}, is dashed and stays as it is.`,
+      `The ${law} law of this search; its width, ${small(width)}, is dashed and constant.`,
     );
   }
 }

@@ -1,4 +1,4 @@
-/** Jobs of one state, page by page: what runs can be stopped, what was given up can be tried again. */
+/** Jobs of one state, page by page; waiting and running ones can be cancelled, dead ones requeued. */
 
 import { get, post } from "./api.js";
 import { askRequeue, confirm } from "./controls.js";
@@ -13,7 +13,7 @@ import { Table } from "./table.js";
 
 /** @typedef {"running" | "queued" | "dead"} State */
 
-/** Jobs that are asked for at once, and shown at most. */
+/** Jobs per request, and the most shown. */
 const PAGE = 50;
 const MOST = 500;
 
@@ -127,7 +127,7 @@ export class JobTable {
   dead() {
     return [
       { key: "attempt", title: "Attempts", numeric: true, minor: true, cell: (job) => number(job.attempt, 0) },
-      { key: "when", title: "Given up", minor: true, cell: (job) => date(job.updated_at) },
+      { key: "when", title: "Dead since", minor: true, cell: (job) => date(job.updated_at) },
       { key: "error", title: "What went wrong", cell: (job) => this.error(job) },
       { key: "do", title: "", cell: (job) => this.button(job, "requeue", "Requeue", false, () => askRequeue(job, this.onChanged)) },
     ];
@@ -162,7 +162,7 @@ export class JobTable {
 
   /** @param {JobView} job */
   askCancel(job) {
-    const words = job.state === "running" ? "Its worker is told to stop. What it still reports in time is kept." : "It is taken out of the queue.";
+    const words = job.state === "running" ? "Its worker is told to stop. Results that it still reports in time are kept." : "It is taken out of the queue.";
     confirm(`Cancel job ${job.id}?`, [el("p", {}, `${words} It can be requeued later.`)], "Cancel the job", () => this.act(`/jobs/${job.id}/cancel`), { isDangerous: true });
   }
 

@@ -1,4 +1,4 @@
-/** Seeds above, this solution, and below what it seeded: boxes that lead to each other, mappings on the lines. */
+/** The lineage of a solution: its seeds above it and the solutions that it seeded below, as linked boxes. */
 
 import { svg } from "./dom.js";
 import { SvgFigure } from "./figures.js";
@@ -11,10 +11,10 @@ import { colour } from "./theme.js";
 /** @typedef {{ x: number, y: number }} Place */
 
 const BOX = { width: 168, height: 44 };
-/** Below this width boxes are so narrow that two stand beside each other. */
+/** Below this width boxes are narrower, so that two fit side by side. */
 const [NARROW, NARROW_BOX] = [420, 137];
 const GAP = { x: 12, y: 46 };
-/** Space of a line of children, and of the words above a group of them. */
+/** Gap between children, and height of the heading of a group of them. */
 const CHILD_GAP = 10;
 const GROUP_HEAD = 26;
 const INDENT = 26;
@@ -34,10 +34,10 @@ export class LineageFigure {
 
 /** @param {LineageGraph} lineage */
 function caption({ nodes, children, n_children: all, n_mapped: solves }) {
-  const seeds = nodes.length > 1 ? "Seeds above, each mapped to the guess that became the next. " : "Its guess was drawn at random. ";
-  if (solves === 0) return [`${seeds}No guess was made of this solution.`];
-  const shown = children.length < all ? `Below are the ${number(children.length, 0)} of most final mass.` : "";
-  return [`${seeds}${number(solves, 0)} guesses were made of this solution; ${number(all, 0)} became solutions. ${shown}`];
+  const seeds = nodes.length > 1 ? "Seeds are above; each was mapped to a guess that became the next. " : "Its guess was drawn at random. ";
+  if (solves === 0) return [`${seeds}No guess was made from this solution.`];
+  const shown = children.length < all ? `Below are the ${number(children.length, 0)} with the highest final mass.` : "";
+  return [`${seeds}${number(solves, 0)} guesses were made from this solution; ${number(all, 0)} became solutions. ${shown}`];
 }
 
 /**
@@ -61,13 +61,13 @@ function drawing(lineage, width) {
 }
 
 /**
- * Return the solution and its seeds in rows, the oldest first: each row is one mapping further away.
+ * Return the solution and its seeds in layers, the oldest first; each layer is one mapping apart.
  * @param {LineageGraph} lineage
  */
 function layers({ id, nodes, edges }) {
   /** @type {Map<string, number>} */
   const depths = new Map([[id, 0]]);
-  // As many rounds as there are nodes are enough for the longest way.
+  // The longest path has fewer edges than there are nodes.
   for (let round = 0; round < nodes.length; round += 1) {
     for (const { seed_id: seed, solution_id: child } of edges) {
       const depth = (depths.get(child) ?? -Infinity) + 1;
@@ -155,20 +155,20 @@ function groups(lineage, top, width, boxWidth) {
 function box(node, { x, y }, width, isThis) {
   const look = lookOf(node.strategy);
   const value = `${number(node.delta_v_km_s, 4)} km/s`;
-  const told = `${node.strategy} ${shortId(node.id)}, ${value}, ${node.strict ? "strict" : "paper only"}${isThis ? ", this solution" : ""}`;
+  const label = `${node.strategy} ${shortId(node.id)}, ${value}, ${node.strict ? "strict" : "loose only"}${isThis ? ", this solution" : ""}`;
   const frame = {
     x: 0.75, y: 0.75, width: width - 1.5, height: BOX.height - 1.5, rx: 8,
     fill: colour(isThis ? "raised" : "card"), stroke: isThis ? colour("accent") : colour("line-strong"), "stroke-width": isThis ? 2 : 1,
   };
   const content = [
-    svg("title", {}, told),
+    svg("title", {}, label),
     svg("rect", frame),
     svg("rect", { x: 8, y: 10, width: 4, height: BOX.height - 20, rx: 2, fill: look.color }),
     svg("text", { x: 20, y: 18, "font-weight": 600 }, node.strategy),
     svg("text", { x: width - 10, y: 18, "text-anchor": "end", fill: colour("muted"), "font-size": 11, "font-family": "monospace" }, shortId(node.id)),
-    svg("text", { x: 20, y: 35, fill: colour("muted"), "font-size": width < BOX.width ? 10.5 : 11.5 }, `${width < BOX.width ? "" : "Δv "}${value}${node.strict ? "" : " · paper"}`),
+    svg("text", { x: 20, y: 35, fill: colour("muted"), "font-size": width < BOX.width ? 10.5 : 11.5 }, `${width < BOX.width ? "" : "Δv "}${value}${node.strict ? "" : " · loose"}`),
   ];
   const at = { transform: `translate(${x},${y})`, "data-node": node.id };
   if (isThis) return svg("g", { ...at, "aria-current": "page" }, content);
-  return svg("a", { ...at, href: `/solutions/${node.id}`, "aria-label": told }, content);
+  return svg("a", { ...at, href: `/solutions/${node.id}`, "aria-label": label }, content);
 }

@@ -9,12 +9,18 @@ import { colour } from "./theme.js";
 
 /** @typedef {keyof Outcomes} Outcome */
 
+/** The tolerances of docs/method.md by level: what users call it, and its bounds. */
+export const LEVELS = {
+  strict: { name: "strict", bounds: "0.1 km, 0.1 m/s, 0.01 kg" },
+  paper: { name: "loose", bounds: "1 km, 100 m/s, 1 kg" },
+};
+
 /** Each solve is one of these; `colour` is a name of the style sheet. */
 export const OUTCOMES = /** @type {{ key: Outcome, words: string, colour: string }[]} */ ([
   { key: "strict", words: "feasible, strict", colour: "good" },
-  { key: "paper", words: "feasible, paper only", colour: "fair" },
+  { key: "paper", words: "feasible, loose only", colour: "fair" },
   { key: "infeasible", words: "infeasible", colour: "coast" },
-  { key: "timeout", words: "out of time", colour: "outage" },
+  { key: "timeout", words: "timed out", colour: "outage" },
   { key: "numerical", words: "not finite", colour: "target" },
 ]);
 
@@ -35,7 +41,7 @@ export function outcomeBar(counts, planned, name) {
 }
 
 /**
- * Return how many solves ended how, in words; outcomes that did not occur are left out.
+ * Return the number of solves of each outcome that has occurred, as list items.
  * @param {Record<Outcome, number>} counts
  */
 export function outcomeList(counts) {
@@ -49,7 +55,7 @@ function total(counts) {
 }
 
 /**
- * Say how many of the planned solves there are.
+ * Return how many of the planned guesses are solved, in words.
  * @param {number} done
  * @param {number | null} planned
  */
@@ -69,7 +75,7 @@ export function isFeasible(outcome) {
   return outcome === "strict" || outcome === "paper";
 }
 
-/** As many looks as `series` has, before colours repeat with other marks. */
+/** Number of colours of `series`, after which they repeat with other marks. */
 const COLOURS = 7;
 
 /**
@@ -84,7 +90,7 @@ function partsOf(strategy) {
 }
 
 /**
- * Return the place of a strategy among all that there can be, from 0: S(0), S(0|0), S(1), S(1|0), S(1|1), S(2), ...
+ * Return the rank of a strategy among all possible ones, from 0: S(0), S(0|0), S(1), S(1|0), S(1|1), S(2), ...
  * @param {string} strategy
  */
 function placeOf(strategy) {

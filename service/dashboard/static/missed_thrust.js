@@ -1,4 +1,4 @@
-/** Which outages a solution recovers from, and at what price: a map of segment and duration. */
+/** Which outages a solution recovers from, and at what cost, by segment and duration. */
 
 import { axis, Figure } from "./figures.js";
 import { number } from "./format.js";
@@ -19,7 +19,7 @@ export class MissedThrustFigure {
     this.analysis = analysis;
     this.place.hidden = !analysis;
     if (!analysis) return;
-    this.figure ??= new Figure(this.place, "Missed thrust: what recoveries cost");
+    this.figure ??= new Figure(this.place, "Missed thrust: cost of recovery");
     this.draw();
   }
 
@@ -30,7 +30,7 @@ export class MissedThrustFigure {
       xaxis: axis("segment in which the outage begins"),
       yaxis: axis("duration, d", { tickvals: found.durations_days }),
     };
-    void this.figure.show([lost(found), costs(found)], layout, words(found));
+    void this.figure.show([unrecovered(found), costs(found)], layout, words(found));
   }
 }
 
@@ -40,7 +40,7 @@ function words(found) {
   const chance = `${number(100 * least, 0)} to ${number(100 * most, 0)} % of single safe modes have a recovery. `;
   const fragile = found.fragile.length ? `Fragile segments, the weakest first: ${found.fragile.join(", ")}. ` : "No segment is fragile. ";
   const open = found.n_done < found.n_jobs ? `${found.n_done} of ${found.n_jobs} solves are done. ` : "";
-  return `Propellant beyond the reference’s, which is flown as it is until the outage; no recovery was found in the orange cells. ${chance}${fragile}${open}`;
+  return `Propellant in addition to that of the reference, which is frozen until the outage; in the orange cells no recovery was found. ${chance}${fragile}${open}`;
 }
 
 /** @param {MissedThrustView} found */
@@ -50,8 +50,8 @@ function costs(found) {
     type: "heatmap",
     x: places,
     y: found.durations_days,
-    z: turned(found.propellant_kg),
-    customdata: turned(found.delay_days),
+    z: transposed(found.propellant_kg),
+    customdata: transposed(found.delay_days),
     zmin: 0,
     zmax: Math.max(1e-3, ...found.propellant_kg.flat().map((cost) => cost ?? 0)),
     colorscale: [[0, colour("line")], [1, colour("series-1")]],
@@ -62,13 +62,13 @@ function costs(found) {
 }
 
 /** @param {MissedThrustView} found */
-function lost(found) {
+function unrecovered(found) {
   const isLost = found.propellant_kg.map((row, i) => row.map((cell, j) => (cell === null && found.is_tried[i][j] ? 1 : null)));
   return {
     type: "heatmap",
     x: found.segments.map(({ segment }) => segment),
     y: found.durations_days,
-    z: turned(isLost),
+    z: transposed(isLost),
     colorscale: [[0, colour("poor")], [1, colour("poor")]],
     showscale: false,
     hovertemplate: "segment %{x}, %{y} d: no recovery found<extra></extra>",
@@ -80,6 +80,6 @@ function lost(found) {
  * @template T
  * @param {T[][]} rows
  */
-function turned(rows) {
+function transposed(rows) {
   return rows[0].map((_, j) => rows.map((row) => row[j]));
 }

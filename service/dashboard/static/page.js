@@ -1,4 +1,4 @@
-/** What every page does: theme, connection, title, and a view that stays up to date by itself. */
+/** What every page has: theme, connection, title, and a view that updates itself. */
 
 import { ApiError, get, ROOT } from "./api.js";
 import { byId, el, fill } from "./dom.js";
@@ -10,9 +10,9 @@ import { watchTheme } from "./theme.js";
  * @import { EventView } from "../types"
  */
 
-/** At most one refresh in this time, however many events come [ms]. */
+/** Least time between two refreshes, however many events come [ms]. */
 const REFRESH_MS = 1000;
-/** A page that nobody sees gives its connection back after this time: a browser has six [ms]. */
+/** A hidden page closes its stream after this time: a browser has six connections to a host [ms]. */
 const HIDDEN_MS = 60_000;
 
 const CONNECTIONS = { live: "live", connecting: "reconnecting", stopped: "offline" };
@@ -24,7 +24,7 @@ const CONNECTIONS = { live: "live", connecting: "reconnecting", stopped: "offlin
  *   redraw?: () => void,
  * }} View  `events`: path of the stream, or null for a page that does not change;
  *   `refresh` reads and shows: all of it (isAll), or what the events since the last time are about;
- *   `redraw` draws all pictures again, in the colours of another theme.
+ *   `redraw` draws all figures again, in the colours of another theme.
  */
 
 export class Page {
@@ -50,7 +50,7 @@ export class Page {
     document.addEventListener("visibilitychange", () => this.seen());
   }
 
-  /** Read everything anew, as after a change that this page asked for. */
+  /** Read everything again, as after a change that this page has made. */
   async reload() {
     this.wantsAll = true;
     await this.refresh();
@@ -81,7 +81,7 @@ export class Page {
     this.schedule();
   }
 
-  /** Refresh at once after a quiet second, else when the second is over; never twice at a time. */
+  /** Schedule a refresh: at most one a second, never two at a time. */
   schedule() {
     if (this.isBusy || this.pending !== undefined || !(this.wantsAll || this.waiting.length)) return;
     const wait = Math.max(0, REFRESH_MS - (performance.now() - this.refreshedAt));
@@ -101,7 +101,7 @@ export class Page {
       document.body.dataset.refreshed = String(Number(document.body.dataset.refreshed ?? 0) + 1);
     } catch (error) {
       if (!(error instanceof ApiError)) throw error;
-      // A silent coordinator is the stream's to report; it asks again when the line is back.
+      // The stream reports an unreachable coordinator, and reads again when the connection is back.
       if (error.status !== 0) showFault(error.message);
       this.wantsAll = this.wantsAll || isAll;
     } finally {
@@ -113,7 +113,7 @@ export class Page {
   /** @param {Connection} connection */
   connected(connection) {
     if (connection === "live") this.lastHeard = new Date();
-    // A stream that is refused does not say why; a question does, and leads to signing in.
+    // A refused stream gives no reason; a request does, and leads to signing in.
     else get("/session").catch(() => {});
     showConnection(connection, this.lastHeard);
   }
@@ -133,8 +133,8 @@ function showConnection(connection, lastHeard) {
   fill(
     notice,
     el("strong", {}, "The coordinator has stopped, or cannot be reached."),
-    ` Below is the last it said, at ${clock(lastHeard)}. Results are safe in its database; this page goes on `,
-    "by itself once ",
+    ` Below is what it last reported, at ${clock(lastHeard)}. Results are safe in its database; this page `,
+    "resumes once ",
     el("code", {}, "coastarc run"),
     " or ",
     el("code", {}, "coastarc serve"),
@@ -143,7 +143,7 @@ function showConnection(connection, lastHeard) {
 }
 
 /**
- * Say in the reader's words what the service refused.
+ * Show why the service refused a request.
  * @param {string} words
  */
 function showFault(words) {
@@ -153,7 +153,7 @@ function showFault(words) {
 }
 
 /**
- * Say what the page is about.
+ * Set the title of the page.
  * @param {string} words
  * @param {[string, string][]} [crumbs] titles and addresses of the pages above it
  */
@@ -181,7 +181,7 @@ export function facts(all) {
 }
 
 /**
- * Show, in place of the content, why there is none and what to do next; without words, the content.
+ * Show why there is no content and what to do next; without arguments, show the content.
  * @param {...(Child)} words
  */
 export function showEmpty(...words) {
@@ -221,7 +221,7 @@ export function setParameters(values) {
 }
 
 const RETRY_MS = [1000, 2000, 5000, 10000];
-/** A connection lost for longer than this is shown as a stopped coordinator. */
+/** A connection lost for longer than this is shown as a stopped coordinator [ms]. */
 const PATIENCE_MS = 6000;
 
 /** @typedef {"live" | "connecting" | "stopped"} Connection */
@@ -229,7 +229,7 @@ const PATIENCE_MS = 6000;
 export class EventStream {
   /**
    * @param {string} path of the stream, below the root of the API
-   * @param {(event: EventView | null) => void} onEvent null stands for all that was missed while the line was down
+   * @param {(event: EventView | null) => void} onEvent null stands for all that was missed while disconnected
    * @param {(connection: Connection) => void} onConnection
    */
   constructor(path, onEvent, onConnection) {
@@ -264,12 +264,12 @@ export class EventStream {
     const again = this.failures > 0;
     this.failures = 0;
     this.onConnection("live");
-    // What happened while the line was down is read once, whatever the stream replays.
+    // What happened while disconnected is read once, whatever the stream replays.
     if (again) this.onEvent(null);
   }
 
   lost() {
-    // Browsers differ in when they retry by themselves, so the retry is ours in every case.
+    // Browsers differ in when they reconnect, so reconnecting is always done here.
     this.source?.close();
     if (this.closed) return;
     this.patience ??= window.setTimeout(() => this.onConnection("stopped"), PATIENCE_MS);

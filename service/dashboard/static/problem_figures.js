@@ -1,4 +1,4 @@
-/** Figures of a problem: its outages, its Jacobian, and how likely outages are. */
+/** Figures of a problem: its outages, its Jacobian, and the probability and duration of outages. */
 
 import { svg } from "./dom.js";
 import { axis, Figure, series, SvgFigure } from "./figures.js";
@@ -26,8 +26,8 @@ export class OutageFigure {
     const own = segmentation === "adaptive" ? "as many segments as are left" : "as many segments as the reference";
     const words =
       trajectories.length > 1
-        ? `The outage (orange) begins with its segment; its realization takes over there, coasts, and has ${own}. The missed segment is drawn, whatever the outage lasts. ◆ where the halves of a trajectory meet.`
-        : "The reference alone: no outage is to be survived. ◆ where its halves meet.";
+        ? `Each outage (orange) begins with a segment of the reference; there its realization branches off, coasts, and has ${own}. An outage is drawn as one segment, whatever its duration. ◆: matchpoint.`
+        : "Only the reference: there is no outage to survive. ◆: matchpoint.";
     this.figure.show((width) => outageDrawing(trajectories, nSegments, width), words);
   }
 }
@@ -69,17 +69,17 @@ function row(shape, i, x, left, isNarrow, n) {
   const from = shape.outage ? shape.outage.segment - 1 : 0;
   const name = shape.outage ? `${i}: segment ${shape.outage.segment}, ${number(shape.outage.duration_days, 1, "d")}` : "reference";
   const short = shape.outage ? `${i}: ${shape.outage.segment}, ${number(shape.outage.duration_days, 1, "d")}` : "reference";
-  // The missed segment is not flown again, so the realization's own ones begin after it.
+  // A realization's own segments begin after the missed one.
   const begin = shape.outage ? shape.outage.segment : 0;
   const meets = begin + ((shape.matchpoint - 1) / shape.n_segments) * (n - begin);
-  const told = shape.outage
-    ? `Realization ${i}: outage of ${number(shape.outage.duration_days, 2, "d")} from the start of segment ${shape.outage.segment}; leaves the ${shape.leaves} half of the reference; ${shape.n_segments} segments of its own.`
+  const label = shape.outage
+    ? `Realization ${i}: outage of ${number(shape.outage.duration_days, 2, "d")} from the start of segment ${shape.outage.segment}; branches off the ${shape.leaves} leg of the reference; ${shape.n_segments} segments of its own.`
     : `Reference: ${shape.n_segments} segments.`;
   const middle = y + BAR_PX / 2;
   return svg(
     "g",
     { "data-trajectory": i },
-    svg("title", {}, told),
+    svg("title", {}, label),
     svg("text", { x: left - 10, y: middle + 4, "text-anchor": "end" }, isNarrow ? short : name),
     i > 0 && svg("line", { x1: x(0), x2: x(from), y1: middle, y2: middle, stroke: colour("line-strong"), "stroke-dasharray": "2 4" }),
     svg("rect", { x: x(begin), y, width: Math.max(1, x(n) - x(begin)), height: BAR_PX, rx: 3, fill: color, opacity: 0.75 }),
@@ -114,8 +114,8 @@ export class SparsityFigure {
     const filled = structure.filled_gap ? ` Gaps of up to ${structure.filled_gap} columns are drawn filled.` : "";
     this.figure.show(
       (width) => sparsityDrawing(structure, width),
-      `${number(structure.n_defects, 0)} rows, seven defects a trajectory; ${number(structure.n_variables, 0)} columns, the variables of each trajectory. ` +
-        `${number(structure.n_nonzeros, 0)} entries, ${share} of the matrix; with mass rows as dense as the others ${number(structure.n_dense, 0)}.${filled}`,
+      `${number(structure.n_defects, 0)} rows: seven defects per trajectory; ${number(structure.n_variables, 0)} columns: the variables of each trajectory. ` +
+        `${number(structure.n_nonzeros, 0)} entries, ${share} of the matrix; ${number(structure.n_dense, 0)} if the mass rows were dense.${filled}`,
     );
     this.figure.plot.dataset.runs = String(structure.runs.length);
   }
@@ -131,7 +131,7 @@ function sparsityDrawing(structure, width) {
   const x = (/** @type {number} */ column) => left + (column / structure.n_variables) * (width - left - 4);
   const height = TOP + structure.n_defects * rowPx + 6;
   const content = structure.trajectories.flatMap((shape, i) => band(shape, i, x, rowPx, left, height, width));
-  // One path for the runs of each block keeps the picture small.
+  // One path for the runs of each block keeps the figure small.
   const paths = structure.trajectories.map((_, i) => {
     const own = structure.runs.filter(([row]) => Math.floor(row / STATE) === i);
     const parts = own.map(([row, first, length]) => {
@@ -172,8 +172,8 @@ export class ChanceFigures {
    * @param {HTMLElement} durations
    */
   constructor(counts, durations) {
-    this.counts = new Figure(counts, "Chance of an outage during the transfer");
-    this.durations = new Figure(durations, "How long an outage lasts");
+    this.counts = new Figure(counts, "Probability of an outage during the transfer");
+    this.durations = new Figure(durations, "Duration of an outage");
   }
 
   /**
@@ -228,12 +228,12 @@ function marked(x) {
  */
 function countWords({ between, chances }, arcDays) {
   const law =
-    `Assumed: safe modes follow each other after Weibull times, scale ${number(between.scale_days, 1, "d")}, shape ${number(between.shape, 3)} ` +
-    `(mean ${number(between.mean_days, 0, "d")}), and the process begins with the transfer; the time that outages last is neglected.`;
-  if (arcDays === null) return `${law} There is no solution yet to read it at.`;
+    `Assumption: the times between safe modes are Weibull-distributed, scale ${number(between.scale_days, 1, "d")}, shape ${number(between.shape, 3)} ` +
+    `(mean ${number(between.mean_days, 0, "d")}), and the process starts with the transfer; the duration of outages is neglected.`;
+  if (arcDays === null) return `${law} There is no solution yet to evaluate it for.`;
   const chance = 1 - Math.exp(-((arcDays / between.scale_days) ** between.shape));
   const reach = chances[chances.length - 1].arc_days;
-  return `Dotted: the best solution, whose thrusting ends ${number(arcDays, 1, "d")} after departure: one or more with ${percent(chance)}. ${law} Drawn up to the ${number(reach, 0, "d")} that the bounds allow.`;
+  return `Dotted: the best solution, whose last segment ends ${number(arcDays, 1, "d")} after departure; the probability of an outage until then is ${percent(chance)}. ${law} The axis ends at the ${number(reach, 0, "d")} that the bounds allow.`;
 }
 
 /** @param {ProblemStructure} structure */
@@ -241,7 +241,7 @@ function lasting({ durations }) {
   return {
     type: "scatter",
     mode: "lines",
-    name: "lasts at most so long",
+    name: "lasts at most this long",
     x: durations.map(({ days }) => days),
     y: durations.map((chance) => chance.at_most),
     line: { color: colour("outage"), width: 2 },
@@ -258,7 +258,7 @@ function durationLayout({ durations }, missed) {
   return {
     margin: { l: 58, r: 12, t: 14, b: 46 },
     xaxis: axis("duration of the outage [d]", { range: [0, last] }),
-    yaxis: axis("probability of at most so long [–]", { tickformat: ".0%", range: [0, 1.02] }),
+    yaxis: axis("cumulative probability [–]", { tickformat: ".0%", range: [0, 1.02] }),
     shapes: [...new Set(missed)].map((days) => marked(days).shape),
   };
 }
@@ -269,11 +269,11 @@ function durationLayout({ durations }, missed) {
  */
 function durationWords({ recovery, durations }, missed) {
   const law =
-    `Assumed: a Weibull time, scale ${number(recovery.scale_days, 2, "d")}, shape ${number(recovery.shape, 3)} ` +
-    `(median ${number(recovery.median_days, 2, "d")}); the delay until somebody notices is not in it.`;
+    `Assumption: Weibull-distributed, scale ${number(recovery.scale_days, 2, "d")}, shape ${number(recovery.shape, 3)} ` +
+    `(median ${number(recovery.median_days, 2, "d")}); the delay until an outage is noticed is not included.`;
   const own = [...new Set(missed)].sort((a, b) => a - b).map((days) => {
     const found = durations.find((chance) => chance.days === days);
-    return `${number(days, 1, "d")} suffice for ${percent(found?.at_most)} of outages`;
+    return `${percent(found?.at_most)} of outages last at most ${number(days, 1, "d")}`;
   });
   return own.length ? `Dotted, the outages of this problem: ${own.join("; ")}. ${law}` : `This problem has no outage. ${law}`;
 }

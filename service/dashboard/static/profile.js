@@ -9,7 +9,7 @@ import { colour } from "./theme.js";
 
 /** @typedef {{ title: string, from: number, to: number, axis?: object, of: (trajectory: Trajectory) => { x: (number | null)[], y: (number | null)[] } }} Row */
 
-/** Points of one picture, all rows together. */
+/** Most points of one figure, all rows together. */
 const MOST_POINTS = 5000;
 const DEGREES = 180 / Math.PI;
 
@@ -81,7 +81,7 @@ export class ProfileFigures {
   }
 }
 
-/** A figure with time to the right, and a line where the chosen moment is. */
+/** A figure against time, with a line at the chosen day. */
 class Timed {
   /**
    * @param {HTMLElement} place
@@ -112,7 +112,7 @@ class Timed {
   }
 
   /**
-   * Place the line: a drawing of plotly's own would have to draw the whole figure again.
+   * Place the line, an element of its own: one of plotly's would redraw the whole figure.
    * @param {number} day
    */
   mark(day) {
@@ -153,7 +153,7 @@ function trace(trajectory, index, row, place) {
 }
 
 /**
- * Return what is constant on each arc, as steps.
+ * Return a quantity that is constant on each arc as a step line.
  * @param {Trajectory} trajectory
  * @param {(arc: Arc) => number | null} of
  */

@@ -1,4 +1,4 @@
-/** The stage of a trajectory: bodies, the Moon's path, axes, and the box around it all. */
+/** The scene of a trajectory: bodies, the Moon's path, axes and proportions. */
 
 import { pointsOf } from "./flight.js";
 import { colour } from "./theme.js";
@@ -25,7 +25,7 @@ export function columns(points) {
 }
 
 /**
- * Return what stands still: the Earth, where the transfer begins, the Moon's path or, close up, the Moon itself.
+ * Return what does not move: the Earth, the departure, the Moon's path or, in its own frame, the Moon.
  * @param {Flight} flight
  * @param {Frame} frame
  */
@@ -83,7 +83,7 @@ function sphere(radiusKm) {
  */
 export function proportions(traces) {
   const [x, y, z] = ["x", "y", "z"].map((axis) => {
-    // Not spread into Math.min: a picture may have more points than a call may have arguments.
+    // Not spread into Math.min: a figure may have more points than a call may have arguments.
     const values = traces.flatMap((trace) => trace[axis].flat()).filter(Number.isFinite);
     return values.reduce((a, b) => Math.max(a, b), -Infinity) - values.reduce((a, b) => Math.min(a, b), Infinity);
   });
@@ -94,7 +94,7 @@ export function proportions(traces) {
 /**
  * @param {Frame} frame
  * @param {{ x: number, y: number, z: number }} aspectratio
- * @param {number} width of the picture [px]
+ * @param {number} width of the figure [px]
  */
 export function sceneLayout(frame, aspectratio, width) {
   const axis = (/** @type {string} */ title, ticks = 6) => ({
@@ -107,7 +107,7 @@ export function sceneLayout(frame, aspectratio, width) {
     showspikes: false,
   });
   const eyes = { rotating: [0.1, -1.02, 0.8], inertial: [0.36, -0.76, 1.06], moon: [1.0, -1.05, 0.33] };
-  // A narrow picture shows all of the scene from further away, a wide one from nearby.
+  // The camera is further away in a narrow figure, closer in a wide one.
   const nearness = width < 500 ? 1.3 : frame === "moon" ? 1.12 : width > 900 ? 0.85 : 1;
   const [x, y, z] = eyes[frame].map((value) => value * nearness);
   return {

@@ -11,7 +11,7 @@ const HEAD = [
   ["Guesses", "wide"],
   ["Feasible, strict", ""],
   ["Best Δv", "number"],
-  ["CPU a solution", "number minor"],
+  ["CPU per solution", "number minor"],
   ["Weight", "number minor"],
 ];
 
@@ -27,13 +27,13 @@ export function showSearches(campaign, searches, onChange) {
     el(
       "table",
       { class: "search-table" },
-      el("caption", { class: "visually-hidden" }, "Searches and how far they are"),
+      el("caption", { class: "visually-hidden" }, "Searches and their progress"),
       el("thead", {}, el("tr", {}, HEAD.map(([title, kind]) => el("th", { scope: "col", class: kind || null }, title)))),
       el("tbody", {}, searches.map((search) => line(campaign, search, onChange))),
     ),
   );
   fill(byId("outcomes"), OUTCOMES.map(({ key, words }) => el("li", {}, el("i", { class: key }), words)));
-  // A row that is written anew keeps the keyboard where it was.
+  // Keyboard focus survives the rewriting of the rows.
   if (focused) /** @type {HTMLElement | null} */ (document.querySelector(`[data-weight-of="${CSS.escape(focused)}"]`))?.focus();
 }
 
@@ -67,7 +67,7 @@ function line(campaign, search, onChange) {
 
 /** @param {SearchView} search */
 function about(search) {
-  if (search.state === "waiting" && search.seeds_from) return `waits for the seeds of ${search.seeds_from}`;
+  if (search.state === "waiting" && search.seeds_from) return `waiting for seeds from ${search.seeds_from}`;
   const first = search.cases[0] ? outages(search.cases[0].outages) : "";
   const where = search.cases.length > 1 ? `${number(search.cases.length, 0)} cases, first: ${first}` : first;
   const source = search.seeds_from ? `seeds of ${search.seeds_from}, ${search.mapping}; ` : "";
@@ -89,7 +89,7 @@ function outcomesOf(search) {
 function count(search) {
   const { running, dead } = search.jobs;
   const jobs = [running ? `${number(running, 0)} running` : "", dead ? `${number(dead, 0)} dead` : ""].filter(Boolean);
-  if (search.n_guesses_planned === 0) return "no seed yet";
+  if (search.n_guesses_planned === 0) return "no seeds yet";
   return [ofPlanned(search.n_solves, search.n_guesses_planned), ...jobs].join(" · ");
 }
 
@@ -99,7 +99,7 @@ function ratio(search) {
   if (share === null) return el("span", { class: "muted" }, NONE);
   return el(
     "span",
-    { class: "ratio", title: "Within 0.1 km, 0.1 m/s and 0.01 kg in an independent flight; 95 % Wilson interval" },
+    { class: "ratio", title: "Verified independently to 0.1 km, 0.1 m/s and 0.01 kg; 95 % Wilson interval" },
     el("strong", {}, percent(share)),
     el(
       "span",

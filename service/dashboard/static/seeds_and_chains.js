@@ -47,7 +47,7 @@ export class ChainTable {
     /** @type {Table<Chain>} */
     this.table = new Table(
       place,
-      "Chains and what they came to",
+      "Chains and their results",
       [
         { key: "chain", title: "Chain", value: (chain) => chain.chain, cell: (chain) => number(chain.chain + 1, 0) },
         { key: "case", title: "Case", numeric: true, value: (chain) => chain.case, cell: (chain) => number(chain.case + 1, 0) },
@@ -82,7 +82,7 @@ export class ChainTable {
  * }} Yield
  */
 
-/** Radius of a mark, from one solve on [px]. */
+/** Radius of a mark, from that of one solve [px]. */
 const SIZES = [7, 22];
 
 /**
@@ -106,7 +106,7 @@ export class YieldFigure extends Figure {
    * @param {string} caption
    */
   draw(yields, caption) {
-    if (yields.length === 0) return this.empty("No seed has been mapped yet. Seeds come from the search that this one names; they are mapped as soon as they are found.");
+    if (yields.length === 0) return this.empty("No seed has been mapped yet. Seeds come from another search and are mapped as soon as they are found.");
     const most = yields.reduce((n, one) => Math.max(n, one.solves), 1);
     const trace = {
       type: "scatter",
@@ -121,7 +121,7 @@ export class YieldFigure extends Figure {
     return this.show(
       [trace],
       { xaxis: axis("Δv of the seed [km/s]"), yaxis: axis("strict solves from it [%]", { range: [-6, 106] }) },
-      `${caption}One mark for each seed, larger for more solves; press one for the seed.`,
+      `${caption}One mark for each seed, larger for more solves; click one to open the seed.`,
     );
   }
 }
@@ -132,7 +132,7 @@ export class SeedTable {
     /** @type {Table<Yield>} */
     this.table = new Table(
       place,
-      "Seeds and what became of them",
+      "Seeds and their outcomes",
       [
         { key: "seed", title: "Seed", cell: ({ seed }) => el("code", {}, shortId(seed.id)) },
         { key: "strategy", title: "From", value: ({ seed }) => seed.strategy, cell: ({ seed }) => `${seed.strategy} · ${seed.search}`, minor: true },
@@ -148,7 +148,7 @@ export class SeedTable {
   }
 
   /**
-   * Show the seeds that gave most; return how many that are.
+   * Show the most productive seeds; return how many that are.
    * @param {Yield[]} yields
    */
   show(yields) {

@@ -1,4 +1,4 @@
-/** The sign-in page has no button for the theme, but the one that was chosen. */
+/** The sign-in page has no button for the theme, but applies the chosen one. */
 
 import { theme } from "./theme.js";
 

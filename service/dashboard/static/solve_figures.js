@@ -1,4 +1,4 @@
-/** How the solves of a search went: violation, delta-v, step sizes and time. */
+/** Figures of the solves of a search: violation, delta-v, step sizes and time. */
 
 import { axis, Figure } from "./figures.js";
 import { counted, small } from "./format.js";
@@ -9,15 +9,15 @@ import { colour } from "./theme.js";
 /** @import { Solve } from "./solves.js" */
 
 const SYMBOLS = { strict: "circle", paper: "diamond", infeasible: "circle-open", timeout: "x-thin-open", numerical: "triangle-up-open" };
-/** Decades of an axis that are named one by one. */
+/** Most decades of an axis that are all labelled. */
 const MOST_DECADES = 7;
-/** A defect of exactly nothing has no logarithm. */
+/** A defect of zero has no logarithm. */
 const LEAST = 1e-12;
 const MOST_BINS = 40;
 const TOP_LEGEND = { showlegend: true, margin: { l: 64, r: 12, t: 34, b: 44 } };
 
 /**
- * Return where each solve stands: by hop, or in the order of solving where chains have but one.
+ * Return the abscissa of each solve: its hop, or its order of arrival where chains have one solve.
  * @param {Solve[]} solves
  * @param {number} hops
  */
@@ -41,7 +41,7 @@ export class ViolationFigure extends Figure {
     if (hops > 1) traces.push(lines(finite, (solve) => at.get(solve.id) ?? 0, value), middle(finite, value));
     traces.push(...marks(finite, (solve) => at.get(solve.id) ?? 0, value, "violation %{y:.2g}"));
     const lost = solves.length - finite.length;
-    const words = lost ? `${counted(lost, "solve")} whose violation was not finite ${lost === 1 ? "is" : "are"} left out. ` : "";
+    const words = lost ? `${counted(lost, "solve")} with a violation that is not finite ${lost === 1 ? "is" : "are"} not shown. ` : "";
     return this.show(
       traces,
       {
@@ -50,7 +50,7 @@ export class ViolationFigure extends Figure {
         yaxis: axis("violation [strict tolerances]", { type: "log", exponentformat: "power", dtick: decades(finite.map(value)) }),
         shapes: [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: 1, y1: 1, line: { color: colour("muted"), width: 1, dash: "dash" } }],
       },
-      `${caption}${words}Largest defect as solved, over its strict tolerance: feasible at and below the dashed line.`,
+      `${caption}${words}Largest defect as solved, relative to the strict tolerance; feasible on and below the dashed line.`,
     );
   }
 }
@@ -64,7 +64,7 @@ export class DeltaVFigure extends Figure {
   draw(solves, hops, caption) {
     const found = solves.filter(({ delta_v_km_s: deltaV }) => deltaV !== null);
     if (found.length === 0) {
-      return this.empty("No feasible solve yet. Every one appears here with its Δv; how close the others come is shown beside.");
+      return this.empty("No feasible solve yet. Each appears here with its Δv; the violations show how close the others come.");
     }
     const { title, at } = places(solves, hops);
     const value = (/** @type {Solve} */ solve) => solve.delta_v_km_s ?? 0;
@@ -72,7 +72,7 @@ export class DeltaVFigure extends Figure {
     return this.show(
       [best(found, at), ...traces],
       { ...TOP_LEGEND, xaxis: axis(title, { dtick: hops > 1 && hops <= 20 ? 1 : undefined }), yaxis: axis("Δv of the transfer [km/s]") },
-      `${caption}The line is the best strict one ${hops > 1 ? "of all chains up to that hop" : "so far"}.`,
+      `${caption}The line is the best strict Δv ${hops > 1 ? "of all chains up to that hop" : "so far"}.`,
     );
   }
 }
@@ -96,7 +96,7 @@ export class TimeFigure extends Figure {
     return this.show(
       traces,
       { ...TOP_LEGEND, barmode: "stack", bargap: 0, shapes: [line], xaxis: axis("CPU time of a solve [s]", bins.isLog ? { type: "log", dtick: "D1", exponentformat: "none" } : {}), yaxis: axis("solves") },
-      `${caption}Median ${small(median, "s")} (dotted); nine in ten take at most ${small(tail, "s")}.`,
+      `${caption}Median ${small(median, "s")} (dotted); 90 % take at most ${small(tail, "s")}.`,
     );
   }
 }
@@ -137,7 +137,7 @@ function marks(solves, x, y, shown) {
 }
 
 /**
- * Return the step of a logarithmic axis: whole decades, since their parts would be named as well, if there are some.
+ * Return the tick step of a logarithmic axis: whole decades if it spans enough, since finer ticks would be labelled too.
  * @param {number[]} values
  */
 export function decades(values) {

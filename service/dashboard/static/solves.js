@@ -1,4 +1,4 @@
-/** The solves of one search, kept up to date by asking for what has come since. */
+/** The solves of one search, updated by requesting only new ones. */
 
 import { get } from "./api.js";
 
@@ -7,9 +7,9 @@ import { get } from "./api.js";
  * @import { HopColumns, HopsView, SeedOfSearch } from "../types"
  */
 
-/** Of more solves whole chains are drawn evenly: as many marks as three pictures draw in a second. */
+/** Of more solves whole chains are sampled evenly: as many marks as three figures draw in a second. */
 const MOST = 2000;
-/** How often a part that is drawn from all is drawn anew [ms]: what has come since changes the whole of it. */
+/** How often a sample is read again [ms]: new solves change all of it. */
 const DRAWN_MS = 15_000;
 
 /**
@@ -30,7 +30,7 @@ export class Solves {
     this.drawnAt = -Infinity;
   }
 
-  /** All that are here, in order of case, chain and hop. */
+  /** All that are loaded, in order of case, chain and hop. */
   get all() {
     return [...this.byId.values()].sort((a, b) => a.case - b.case || compare(a.seed, b.seed) || a.chain - b.chain || a.hop - b.hop);
   }
@@ -49,7 +49,7 @@ export class Solves {
     const answer = await get(this.path, { after, limit: MOST });
     if (after === 0) this.forget();
     this.take(answer);
-    // More have come than are shown at once: from now on they are drawn from all.
+    // More have come than are shown at once: from now on a sample is read.
     if (after > 0 && this.nAll > MOST) await this.refresh(true);
   }
 
@@ -73,7 +73,7 @@ export class Solves {
 }
 
 /**
- * Return how a solve ended, in the five kinds that all pages know.
+ * Return the outcome of a solve.
  * @param {Solve} solve
  * @returns {Outcome}
  */
@@ -83,7 +83,7 @@ export function outcomeOf(solve) {
 }
 
 /**
- * Return what a solve was in its chain.
+ * Return the role of a solve in its chain.
  * @param {Solve} solve
  * @returns {"start" | "accepted" | "rejected" | "restarted" | "mapped"}
  */

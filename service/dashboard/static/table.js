@@ -1,4 +1,4 @@
-/** Tables: sorted by any column, rows reached by pointer and keyboard. */
+/** Tables that sort by any column and work with pointer and keyboard. */
 
 import { el, fill } from "./dom.js";
 

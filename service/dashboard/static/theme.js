@@ -1,4 +1,4 @@
-/** Light or dark: the system's wish, until the reader chooses. */
+/** Light or dark: the system's preference until the user chooses. */
 
 import { byId } from "./dom.js";
 
@@ -31,7 +31,7 @@ function other() {
   return theme() === "light" ? "dark" : "light";
 }
 
-/** @type {Map<string, string>} colours of the theme, as far as they were asked for: pictures ask thousands of times */
+/** @type {Map<string, string>} colours of the theme, cached: figures ask thousands of times */
 const colours = new Map();
 
 /**

@@ -118,7 +118,7 @@ export class TrajectoryFigure {
 function arcTraces(trajectory, index, frame) {
   const name = nameOf(index);
   const points = pointsOf(trajectory, frame);
-  const told = trajectory.days.map(
+  const labels = trajectory.days.map(
     (day, i) =>
       `${name}, ${number(day, 2, "d")}<br>${number(trajectory.mass_kg[i], 1, "kg")}, ` +
       `${number(trajectory.speed_km_s[i], 3, "km/s")}<br>Earth ${number(distance(trajectory.inertial_km[i]), 0, "km")}, ` +
@@ -131,7 +131,7 @@ function arcTraces(trajectory, index, frame) {
     outage: { color: colour("outage"), width: 9 },
   };
   return /** @type {const} */ (["coast", "thrust", "outage"]).map((kind) => {
-    const [chosen, texts] = arcsOf(trajectory, kind, points, told);
+    const [chosen, texts] = arcsOf(trajectory, kind, points, labels);
     return { ...line(`${name}, ${kind}`, chosen, styles[kind]), text: texts, hoverinfo: "text", hovertemplate: "%{text}<extra></extra>" };
   });
 }
@@ -141,10 +141,10 @@ function arcTraces(trajectory, index, frame) {
  * @param {Trajectory} trajectory
  * @param {"coast" | "thrust" | "outage"} kind
  * @param {Point[]} points
- * @param {string[]} told
+ * @param {string[]} labels
  * @returns {[Point[], string[]]}
  */
-function arcsOf(trajectory, kind, points, told) {
+function arcsOf(trajectory, kind, points, labels) {
   /** @type {Point[]} */
   const chosen = [];
   /** @type {string[]} */
@@ -153,7 +153,7 @@ function arcsOf(trajectory, kind, points, told) {
     const drawn = arc.kind === "thrust" && arc.throttle < LIT ? "coast" : arc.kind;
     if (drawn !== kind) continue;
     chosen.push(...points.slice(arc.first, arc.stop), NOWHERE);
-    texts.push(...told.slice(arc.first, arc.stop), "");
+    texts.push(...labels.slice(arc.first, arc.stop), "");
   }
   return [chosen, texts];
 }

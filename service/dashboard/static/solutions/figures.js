@@ -12,7 +12,7 @@ import { AXES, within } from "./filters.js";
  * @import { PointsView } from "../../types"
  */
 
-/** Part of a value that an axis shows on both sides of it, where there is no other. */
+/** Half the range of an axis with a single value, as a share of the value. */
 const MARGIN = 0.1;
 
 export class Scatter {
@@ -28,7 +28,7 @@ export class Scatter {
   async show(points, caption) {
     const names = [...points.strategies].sort(compareStrategies);
     const traces = names.map((name) => trace(points, name));
-    await this.figure.show([...traces, front(points)], layout(points), `${caption} The line joins the Pareto-optimal ones. Click a mark to open its solution.`);
+    await this.figure.show([...traces, front(points)], layout(points), `${caption} The line joins the Pareto-optimal solutions. Click a mark to open its solution.`);
     this.figure.plot.dataset.points = String(points.id.length);
     this.figure.linkMarks();
   }
@@ -78,7 +78,7 @@ function layout(points) {
 }
 
 /**
- * Return the range of an axis for values that are all the same: left alone it would reach below zero.
+ * Return a range for an axis whose values are all equal; the default would reach below zero.
  * @param {number[]} values
  */
 function around(values) {
@@ -91,7 +91,7 @@ const [TOP, BOTTOM, SIDE] = [46, 24, 52];
 /** Half the width of an axis for a pointer, and of a brush [px]. */
 const REACH = 16;
 const BRUSH = 7;
-/** A shorter drag is a click, which frees the axis [px]. */
+/** A shorter drag is a click, which clears the filter of the axis [px]. */
 const CLICK = 4;
 
 export class Parallel {
@@ -100,9 +100,9 @@ export class Parallel {
    * @param {(key: string, bounds: [number, number] | null) => void} onBrush
    */
   constructor(place, onBrush) {
-    this.figure = new SvgFigure(place, "All numbers of each solution");
+    this.figure = new SvgFigure(place, "Solutions on parallel axes");
     this.onBrush = onBrush;
-    // Narrower the axes could not be read: the card scrolls instead.
+    // A narrow card scrolls, since closer axes would be unreadable.
     const scroller = el("div", { class: "scroller", tabindex: 0, role: "region", "aria-label": "Parallel coordinates" });
     this.figure.plot.replaceWith(scroller);
     scroller.append(this.figure.plot);
@@ -128,7 +128,7 @@ export class Parallel {
     if (this.held) return;
     [this.points, this.ranges] = [points, ranges];
     this.scales = AXES.map(({ key }) => extent(points[key]));
-    this.figure.show((width) => this.drawing(width), `${caption} Drag along an axis to restrict it, click it to free it; the fields above do the same.`);
+    this.figure.show((width) => this.drawing(width), `${caption} Drag along an axis to filter by it, click it to clear the filter; the fields above do the same.`);
   }
 
   /** @param {number} width */
@@ -275,14 +275,14 @@ export class Parallel {
     const unit = 10 ** -AXES[place].digits;
     const [low, high] = [value(Math.max(one, other)), value(Math.min(one, other))];
     const round = (/** @type {number} */ number) => Number(number.toFixed(AXES[place].digits));
-    // Of whole numbers those are meant that the brush is near to.
+    // Integers are rounded to the nearest.
     if (unit === 1) return [round(low), round(high)];
     return [Math.max(0, round(Math.floor(low / unit) * unit)), round(Math.ceil(high / unit) * unit)];
   }
 }
 
 /**
- * Return the least and the most of a column, a little apart where they are equal.
+ * Return the extent of a column, widened where it is a point.
  * @param {number[]} values
  * @returns {[number, number]}
  */

@@ -3,7 +3,7 @@
 import { address } from "../api.js";
 import { el, fill } from "../dom.js";
 import { number } from "../format.js";
-import { compareStrategies } from "../looks.js";
+import { compareStrategies, LEVELS } from "../looks.js";
 import { parameter, setParameters } from "../page.js";
 
 /**
@@ -51,7 +51,7 @@ export function withoutRanges(filter) {
 }
 
 /**
- * Return the places of the points within all ranges.
+ * Return the indices of the points within all ranges.
  * @param {PointsView} points
  * @param {Ranges} ranges
  * @returns {number[]}
@@ -67,9 +67,9 @@ export function within(points, ranges) {
 const CHOICES = ["campaign", "search", "strategy", "k", "segment", "duration_days", "tolerance"];
 const BOUNDS = AXES.flatMap(({ key }) => [`min_${key}`, `max_${key}`]);
 const NAMES = [...CHOICES, ...BOUNDS];
-/** What is no longer true of another list. */
-const ANEW = { after: null, begin: null };
-/** Axes whose fields are always in sight. */
+/** Parameters that a change of the filter resets. */
+const RESET = { after: null, begin: null };
+/** Axes whose fields are always visible. */
 const MAIN = ["delta_v_km_s", "time_of_flight_days"];
 
 /** @returns {Query} */
@@ -93,7 +93,7 @@ export class Filters {
   }
 
   /**
-   * Show what can be chosen and what is.
+   * Show the options and the current choice.
    * @param {ChoicesView} choices
    */
   show(choices) {
@@ -101,7 +101,7 @@ export class Filters {
     const seen = JSON.stringify([choices, filter]);
     const field = /** @type {HTMLInputElement | null} */ (this.form.querySelector("input:focus, select:focus"));
     const focused = field?.name;
-    // What somebody is typing stays; its change will come back here.
+    // A field that is being edited is left alone; its change comes back here.
     if (seen === this.shown || (focused && field.value !== String(this.filter[focused] ?? ""))) return;
     this.shown = seen;
     this.filter = filter;
@@ -110,7 +110,7 @@ export class Filters {
     fill(
       this.form,
       el("div", { class: "fields" }, this.selects(choices, filter), MAIN.map((key) => range(key, filter))),
-      el("details", { open: isOpen }, el("summary", {}, "Further ranges"), el("div", { class: "fields" }, others.map(({ key }) => range(key, filter)))),
+      el("details", { open: isOpen }, el("summary", {}, "More ranges"), el("div", { class: "fields" }, others.map(({ key }) => range(key, filter)))),
       this.buttons(filter),
     );
     if (focused) /** @type {HTMLElement | null} */ (this.form.elements.namedItem(focused))?.focus();
@@ -130,7 +130,7 @@ export class Filters {
       select("k", "k, outages survived", plain(choices.k), filter),
       select("segment", "Outage at segment", plain(choices.segments), filter),
       select("duration_days", "Outage lasts", days, filter),
-      select("tolerance", "Verified to", [["strict", "strict tolerance"], ["paper", "paper’s tolerance"]], filter),
+      select("tolerance", "Verified to", Object.entries(LEVELS).map(([key, { name, bounds }]) => [key, `${name}: ${bounds}`]), filter),
     ];
   }
 
@@ -139,11 +139,11 @@ export class Filters {
     const clear = el("button", { type: "button", id: "clear", hidden: Object.keys(filter).length === 0, onclick: () => this.clear() }, "Clear all filters");
     const link = (/** @type {string} */ format, /** @type {string} */ words) =>
       el("a", { class: "button", id: `export-${format}`, href: address("/solutions", { ...filter, format }), download: `solutions.${format}` }, words);
-    return el("div", { class: "filter-ends" }, clear, el("span", { class: "muted" }, "Download what is filtered:"), link("csv", "CSV"), link("ndjson", "NDJSON"));
+    return el("div", { class: "filter-ends" }, clear, el("span", { class: "muted" }, "Download the filtered solutions:"), link("csv", "CSV"), link("ndjson", "NDJSON"));
   }
 
   clear() {
-    setParameters({ ...Object.fromEntries(NAMES.map((name) => [name, null])), ...ANEW });
+    setParameters({ ...Object.fromEntries(NAMES.map((name) => [name, null])), ...RESET });
     this.onChange();
   }
 
@@ -151,10 +151,10 @@ export class Filters {
   changed(field) {
     if (!NAMES.includes(field.name)) return;
     if (!field.checkValidity()) return field.reportValidity();
-    // Searches and outages of another campaign are others.
+    // Another campaign has other searches and outages.
     /** @type {Record<string, null>} */
     const others = field.name === "campaign" ? { search: null, segment: null, duration_days: null } : {};
-    setParameters({ ...others, [field.name]: field.value || null, ...ANEW });
+    setParameters({ ...others, [field.name]: field.value || null, ...RESET });
     this.onChange();
   }
 
@@ -165,7 +165,7 @@ export class Filters {
    */
   restrict(key, bounds) {
     const [least, most] = bounds ?? [null, null];
-    setParameters({ [`min_${key}`]: least, [`max_${key}`]: most, ...ANEW });
+    setParameters({ [`min_${key}`]: least, [`max_${key}`]: most, ...RESET });
     this.onChange();
   }
 }
@@ -178,7 +178,7 @@ export class Filters {
  */
 function select(name, title, options, filter) {
   const chosen = filter[name] === undefined ? "" : String(filter[name]);
-  // An address may name what is not there, and says so.
+  // The address may name a value that is not among the options.
   const all = chosen && !options.some(([value]) => value === chosen) ? [...options, [chosen, chosen]] : options;
   const entries = [["", "all"], ...all].map(([value, words]) => el("option", { value, selected: value === chosen }, words));
   return el("label", { class: "filter" }, el("span", {}, title), el("select", { name }, entries));
@@ -195,5 +195,5 @@ function range(key, filter) {
     const how = { type: "number", step: "any", min: 0, name, value: filter[name] ?? "", placeholder: words };
     return el("input", { ...how, "aria-label": `${title} [${unit}], ${words}` });
   };
-  return el("div", { class: "filter", role: "group", "aria-label": title }, el("span", {}, title, el("small", {}, ` ${unit}`)), el("span", { class: "range" }, field("min", "least"), "–", field("max", "most")));
+  return el("div", { class: "filter", role: "group", "aria-label": title }, el("span", {}, title, el("small", {}, ` ${unit}`)), el("span", { class: "range" }, field("min", "min"), "–", field("max", "max")));
 }

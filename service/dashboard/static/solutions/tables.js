@@ -63,13 +63,13 @@ export class Choice {
       checked: ids.includes(id),
       disabled: isFull,
       "aria-label": `Compare ${shortId(id)}`,
-      title: isFull ? "Four can be compared at most" : "Compare",
+      title: isFull ? "At most four can be compared" : "Compare",
       onchange: (/** @type {Event} */ event) => this.set(id, /** @type {HTMLInputElement} */ (event.target).checked),
     });
     return el("label", { class: "box" }, input);
   }
 
-  /** Show what is chosen at the foot of the window. */
+  /** Show the chosen solutions at the bottom of the window. */
   show() {
     const { ids } = this;
     byId("choice").hidden = ids.length === 0;
@@ -82,11 +82,11 @@ export class Choice {
   }
 }
 
-/** What is sorted by where the address says nothing. */
+/** The default order. */
 const SORT = "delta_v_km_s";
 /** Rows of a page. */
 const PAGE = 25;
-/** Sorted by this, the greatest come first. */
+/** The column that is sorted in descending order by default. */
 const NEWEST = "created_at";
 
 export class Listing {
@@ -143,7 +143,7 @@ export class Listing {
    * @param {boolean} isDown
    */
   sortBy(key, isDown) {
-    // A first press on the time shows the newest, as one on a number shows the least.
+    // The first click on the time sorts the newest first, as one on a number sorts the lowest first.
     const descending = key === NEWEST && this.order.sort !== NEWEST ? true : isDown;
     setParameters({ sort: key, descending, after: null, begin: null });
     this.before = [];
@@ -181,7 +181,7 @@ function columns(choice) {
     { key: "delta_v_km_s", title: "Δv", unit: "km/s", numeric: true, value, cell: (r) => number(r.delta_v_km_s, 4) },
     { key: "time_of_flight_days", title: "Flight", unit: "d", numeric: true, value, cell: (r) => number(r.time_of_flight_days, 1) },
     { key: "propellant_kg", title: "Propellant", unit: "kg", numeric: true, minor: true, value, cell: (r) => number(r.propellant_kg, 1) },
-    { key: "moon_altitude_km", title: "Lowest over Moon", unit: "km", numeric: true, minor: true, cell: (r) => (r.moon_altitude_km === null ? "–" : number(r.moon_altitude_km, 0)) },
+    { key: "moon_altitude_km", title: "Lowest above Moon", unit: "km", numeric: true, minor: true, cell: (r) => (r.moon_altitude_km === null ? "–" : number(r.moon_altitude_km, 0)) },
     { key: "k", title: "k", numeric: true, minor: true, value, cell: (r) => String(r.k) },
     { key: "outages", title: "Outages", unit: "segment · d", minor: true, cell: (r) => outages(r) },
     { key: "search", title: "Search", minor: true, cell: (r) => el("a", { href: `/campaigns/${r.campaign_id}/searches/${encodeURIComponent(r.search)}` }, r.search) },
@@ -200,7 +200,7 @@ function outages(record) {
 /** @param {SolutionRecord} record */
 function tag(record) {
   if (record.strict) return null;
-  const level = record.paper ? "paper only" : "not verified";
+  const level = record.paper ? "loose only" : "not verified";
   return el("small", { class: "tag" }, record.is_marginal ? `${level}, marginal` : level);
 }
 
@@ -230,7 +230,7 @@ export class Clusters {
     const listed = page.items.length < page.n_clusters ? `; the best ${page.items.length} are listed` : "";
     byId("clusters-caption").textContent =
       `${counted(page.n_clusters, "distinct reference")} among ${among}${listed}. ` +
-      "Spread: mean and greatest distance from the best one, where 0.05 is one segment of fifty throttled by a third more.";
+      "Spread: mean and greatest distance from the best one; 0.05 corresponds to one of fifty segments with a third more throttle.";
     byId("clusters-card").dataset.clusters = String(page.n_clusters);
   }
 }

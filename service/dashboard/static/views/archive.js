@@ -1,4 +1,4 @@
-/** The archive: solutions of all campaigns, filtered by the address, as pictures and as a table. */
+/** The archive: solutions of all campaigns, filtered by the address, as figures and as a table. */
 
 import { get } from "../api.js";
 import { byId, el, fill } from "../dom.js";
@@ -16,9 +16,9 @@ import { Choice, Clusters, distance, Listing, watchDistance } from "../solutions
 
 /** @typedef {{ all: PointsView, chosen: PointsView, ranges: Ranges }} Seen  points of the filter without and with its ranges */
 
-/** Of more solutions a sample is drawn: marks that can be told apart, in a second. */
+/** Of more solutions a sample is drawn: marks that can be distinguished, within a second. */
 const MOST_DRAWN = 1500;
-/** Pictures of samples, and clusters, cost the service more than a page of the table: not with every event [ms]. */
+/** Samples and clusters cost the service more than a page of the table, so they are refreshed less often [ms]. */
 const SLOW_MS = 10_000;
 
 const filters = new Filters(byId("filters"), () => page.reload());
@@ -44,7 +44,7 @@ async function refresh(events, isAll) {
   const mine = ++turn;
   const filter = filterOfAddress();
   const isDue = isAll || performance.now() - slowAt > SLOW_MS || (seen && seen.all.n === seen.all.id.length);
-  // Asked for with the list, and shown after it.
+  // Requested together with the list, and shown after it.
   const asked = isDue ? readPoints(filter) : null;
   asked?.catch(() => {});
   const [choices, list] = await Promise.all([get("/solutions/choices", { campaign: filter.campaign }), listing.load(filter)]);
@@ -57,7 +57,7 @@ async function refresh(events, isAll) {
   else later();
 }
 
-/** Draw what was put off once it is due. */
+/** Refresh the figures later, when they are due. */
 function later() {
   window.clearTimeout(pending);
   pending = window.setTimeout(() => page.reload(), SLOW_MS);
@@ -76,7 +76,7 @@ async function refreshPictures(filter, mine, asked) {
   if (mine !== turn) return;
   seen = { all, chosen, ranges: rangesOf(filter) };
   show(filter, chosen);
-  // Clusters take as long as all the rest: the pictures do not wait for them.
+  // Clusters take as long as all the rest; the figures do not wait for them.
   const [found] = await Promise.all([get("/solutions/clusters", { ...filter, threshold: distance() }), draw()]);
   if (mine === turn) clusters.show(found);
 }
@@ -106,7 +106,7 @@ function show(filter, chosen) {
   fill(
     byId("nothing"),
     el("h2", {}, "No solution matches the filter"),
-    el("p", {}, "Widen a range, choose another strategy, or look at all there are."),
+    el("p", {}, "Widen a range, choose another strategy, or clear the filters."),
     el("button", { type: "button", class: "primary", onclick: () => filters.clear() }, "Clear all filters"),
   );
   byId("count").textContent = counted(n, "solution");
@@ -122,8 +122,8 @@ function facts(chosen) {
   return [
     ["Solutions", number(chosen.n, 0)],
     ["Strategies", String(chosen.strategies.length)],
-    ["Least Δv", number(least("delta_v_km_s"), 4, "km/s")],
-    ["Least propellant", number(least("propellant_kg"), 1, "kg")],
+    ["Lowest Δv", number(least("delta_v_km_s"), 4, "km/s")],
+    ["Lowest propellant", number(least("propellant_kg"), 1, "kg")],
     ["Shortest flight", number(least("time_of_flight_days"), 1, "d")],
   ];
 }
@@ -147,7 +147,7 @@ async function draw() {
 /** @param {PointsView} points */
 function sample(points) {
   const shown = points.id.length;
-  return shown < points.n ? `${number(shown, 0)} of ${number(points.n, 0)} solutions: all extremes, the whole front, and others drawn by lot.` : "";
+  return shown < points.n ? `${number(shown, 0)} of ${number(points.n, 0)} solutions: all extremes, the whole Pareto front, and a random sample of the others.` : "";
 }
 
 watchDistance(() => page.reload());

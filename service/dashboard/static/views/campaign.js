@@ -1,4 +1,4 @@
-/** One campaign: how far, which strategy pays, what went wrong, and how it is steered. */
+/** One campaign: progress, strategies compared, dead jobs, and its controls. */
 
 import { ApiError, get } from "../api.js";
 import { askRequeue, askWeight, campaignControls, exportLink, mayControl, session } from "../controls.js";
@@ -14,7 +14,7 @@ import { Table } from "../table.js";
  * @import { CampaignView, HistoryView, JobView } from "../../types"
  */
 
-/** After a start a large archive is read in pieces; until it is read, it is asked for at once [ms]. */
+/** After a start the service reads a large archive in pieces; meanwhile the page polls this often [ms]. */
 const READ_ON_MS = 250;
 
 const id = Number(pathPart(1));
@@ -34,7 +34,7 @@ const who = session();
 page.start();
 
 async function refresh() {
-  // Not awaited yet: of a large archive it comes a while after all that is told of the campaign in words.
+  // Not awaited yet: in a large archive it takes longer than the rest of the page.
   const asked = get(`/campaigns/${id}/history`);
   asked.catch(() => {});
   const found = await Promise.all([get(`/campaigns/${id}`), who]).catch(missing);
@@ -49,7 +49,7 @@ async function refresh() {
   const history = await asked;
   showReading(history);
   showChains(byId("chains"), history.chains);
-  // Pictures of the same data are left alone: they are what costs.
+  // Figures are expensive: they are redrawn only when their data has changed.
   if (JSON.stringify(history) !== JSON.stringify(shown)) await draw(history);
 }
 

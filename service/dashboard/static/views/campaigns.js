@@ -1,4 +1,4 @@
-/** All campaigns: how far, how well, how long still. */
+/** All campaigns: progress, results, time left. */
 
 import { get } from "../api.js";
 import { askImport, mayControl, session } from "../controls.js";
@@ -12,7 +12,7 @@ import { facts, Page, showEmpty } from "../page.js";
 const [WIDTH, HEIGHT, EDGE] = [180, 40, 3];
 
 /**
- * Return a step line through values at moments as far apart as each other; null where there is none yet.
+ * Return a step line through values evenly spaced in time; null where there is none yet.
  * @param {(number | null)[]} values
  * @param {string} words read out
  */
@@ -31,12 +31,12 @@ export function sparkline(values, words) {
     "svg",
     { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "sparkline", role: "img", "aria-label": words, preserveAspectRatio: "none" },
     svg("path", { d: path.join(""), fill: "none", "vector-effect": "non-scaling-stroke" }),
-    // A point that stays round however the line is stretched.
+    // This point stays round although the line is stretched.
     typeof last === "number" && svg("path", { class: "now", d: `M${x(values.length - 1)} ${y(last)}h0`, "vector-effect": "non-scaling-stroke" }),
   );
 }
 
-/** After a start a large archive is read in pieces; until it is read, they are asked for at once [ms]. */
+/** After a start the service reads a large archive in pieces; meanwhile the page polls this often [ms]. */
 const READ_ON_MS = 250;
 
 const page = new Page({ events: "/events/stream", refresh });

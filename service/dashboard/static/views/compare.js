@@ -5,6 +5,7 @@ import { lookOf, Overlay, Profiles } from "../compare_figures.js";
 import { byId, el, fill } from "../dom.js";
 import { FRAMES } from "../flight.js";
 import { date, epoch, number, outages, shortId, small } from "../format.js";
+import { LEVELS } from "../looks.js";
 import { Page, parameter, setParameters, showEmpty, showTitle } from "../page.js";
 import { idsOfAddress, MOST } from "../solutions/tables.js";
 
@@ -29,11 +30,11 @@ const ROWS = [
   { title: "Final coast", unit: "d", text: (r) => number(r.final_coast_days, 2) },
   { title: "Outages survived", value: (r) => r.k, digits: 0, most: true },
   { title: "Outages", text: (r) => outages(r.outages) },
-  { title: "Verified to", text: (r) => (r.strict ? "strict tolerance" : r.paper ? "paper’s tolerance" : "–") },
+  { title: "Verified to", text: verifiedTo },
   { title: "Largest position defect", unit: "km", text: (r) => small(defect(r)) },
   { title: "Insertion", text: (r) => epoch(r.insertion_epoch) },
   { title: "Arrival", text: (r) => epoch(r.arrival_epoch) },
-  { title: "Processor time", unit: "s", value: (r) => r.cpu_seconds, digits: 1 },
+  { title: "CPU time", unit: "s", value: (r) => r.cpu_seconds, digits: 1 },
   { title: "Search", text: (r) => el("a", { href: `/campaigns/${r.campaign_id}/searches/${encodeURIComponent(r.search)}` }, r.search) },
   { title: "Found", text: (r) => date(r.created_at) },
 ];
@@ -84,8 +85,15 @@ function line(row, sides) {
   return el("tr", {}, el("th", { scope: "row" }, row.title, row.unit && el("small", {}, ` ${row.unit}`)), cells);
 }
 
+/** @param {RecordInFull} record */
+function verifiedTo({ strict, paper }) {
+  if (!strict && !paper) return "–";
+  const { name, bounds } = strict ? LEVELS.strict : LEVELS.paper;
+  return `${name} tolerance: ${bounds}`;
+}
+
 /**
- * Return the largest position defect that the independent flight found [km].
+ * Return the largest position defect of the verification [km].
  * @param {RecordInFull} record
  */
 function defect(record) {
@@ -96,7 +104,7 @@ const overlay = new Overlay(byId("overlay"), (frame) => change({ frame }), (isSh
 const profiles = new Profiles(byId("profiles"));
 /** What has been read, by id. @type {Map<string, Side>} */
 const known = new Map();
-/** Pictures one after the other: a second drawing must not overtake the first. */
+/** Drawings in sequence: a second one must not overtake the first. */
 let drawing = Promise.resolve();
 
 async function refresh() {
@@ -117,7 +125,7 @@ async function refresh() {
 function none(areUnknown) {
   return [
     el("h2", {}, areUnknown ? "No such solutions" : "Nothing to compare yet"),
-    el("p", {}, "Choose two to four solutions by the boxes of the table in the archive."),
+    el("p", {}, "Choose two to four solutions by the boxes in the table of the archive."),
     el("p", {}, el("a", { class: "button primary", href: "/archive" }, "Go to the archive")),
   ];
 }
@@ -188,8 +196,8 @@ byId("add").addEventListener("submit", async (event) => {
   const field = /** @type {HTMLInputElement} */ (byId("another"));
   const id = /[0-9a-f]{32}/.exec(field.value)?.[0];
   const ids = idsOfAddress("ids");
-  if (!id) return refuse("Solution: expected its 32 digits or the address of its page; both stand on that page.");
-  if (ids.includes(id)) return refuse("This solution is compared already.");
+  if (!id) return refuse("Solution: expected its id of 32 digits or the address of its page.");
+  if (ids.includes(id)) return refuse("This solution is already in the comparison.");
   if (!(await side(id))) return refuse(`No solution of this archive has the id ${id}.`);
   field.value = "";
   await choose([...ids, id]);

@@ -1,4 +1,4 @@
-/** One problem: what is solved, under which outages, how it looks to the solver, and what was found. */
+/** One problem: its definition, outages, structure and solutions. */
 
 import { find, get } from "../api.js";
 import { byId, el, fill } from "../dom.js";
@@ -22,7 +22,7 @@ export function spacecraftFacts({ spacecraft }) {
   return [
     ["Wet mass", number(spacecraft.wet_mass_kg, 0, "kg")],
     ["Dry mass", number(spacecraft.dry_mass_kg, 0, "kg")],
-    ["Largest thrust", number(spacecraft.max_thrust_n, 3, "N")],
+    ["Maximum thrust", number(spacecraft.max_thrust_n, 3, "N")],
     ["Specific impulse", number(spacecraft.isp_s, 0, "s")],
   ];
 }
@@ -35,7 +35,7 @@ export function spacecraftFacts({ spacecraft }) {
 export function departureFacts({ departure }, structure) {
   const common = /** @type {Fact[]} */ ([
     ["Transfer begins", epoch(structure.departure_epoch)],
-    ["Mass then", number(structure.departure_mass_kg, 1, "kg")],
+    ["Mass at departure", number(structure.departure_mass_kg, 1, "kg")],
   ]);
   if (departure.kind === "spiral") {
     const end = departure.jacobi === null ? `after ${number(departure.duration_days, 1, "d")}` : `at Jacobi value ${number(departure.jacobi, 3)}`;
@@ -62,7 +62,7 @@ export function departureFacts({ departure }, structure) {
  * @returns {Fact[]}
  */
 export function targetFacts({ target }) {
-  if (target.kind === "spk") return [["To", "an orbit of a kernel"], ["File", target.path], ["NAIF id", String(target.naif_id)]];
+  if (target.kind === "spk") return [["To", "an orbit from an SPK kernel"], ["File", target.path], ["NAIF id", String(target.naif_id)]];
   return [
     ["To", "the near-rectilinear halo orbit (NRHO) of the Moon"],
     ["Period", number(target.period_days, 4, "d")],
@@ -86,7 +86,7 @@ export function boundFacts({ bounds, n_segments: n, segmentation }) {
     ["Throttle", range(bounds.throttle, 2, "")],
     ["In-plane angle", "−180 to 180\u00a0°"],
     ["Out-of-plane angle", "−90 to 90\u00a0°"],
-    ["Least final mass", number(bounds.min_final_mass_kg, 0, "kg")],
+    ["Minimum final mass", number(bounds.min_final_mass_kg, 0, "kg")],
   ];
 }
 
@@ -98,7 +98,7 @@ const best = new Table(byId("best"), "Best solutions of this problem", bestColum
   id: (row) => row.id,
   href: (row) => `/solutions/${row.id}`,
 });
-const fewer = relatives(byId("fewer"), "Problems with one outage less", "Without");
+const fewer = relatives(byId("fewer"), "Problems with one outage fewer", "Without");
 const more = relatives(byId("more"), "Problems with one outage more", "With");
 /** @type {ProblemView} */
 let problem;
@@ -116,7 +116,7 @@ async function refresh(events, isAll) {
     problem = await find(`/problems/${hash}`);
     if (!problem) return showEmpty(...unknown());
     showProblem();
-    // Its counts take a moment the first time; the words do not wait for them.
+    // Its counts take a moment the first time; the rest does not wait for them.
     structure = await get(`/problems/${hash}/structure`);
     showStructure();
   } else if (!isAll && !events.some(({ kind }) => kind === "solution")) return;
@@ -174,8 +174,8 @@ function showStructure() {
 }
 
 function goal() {
-  const survive = ["It need survive no outage.", "From the start of the outage a realization leaves it and reaches the target too; both are solved together."][problem.k]
-    ?? `From the start of each outage a realization leaves it and reaches the target too; all ${problem.k} are solved together with it.`;
+  const survive = ["There is no outage to survive.", "At the start of the outage a realization branches off and also reaches the target; both are solved together."][problem.k]
+    ?? `At the start of each outage a realization branches off and also reaches the target; all ${problem.k} are solved together with it.`;
   return `The reference goes from the departure to the target with the greatest final mass. ${survive}`;
 }
 
@@ -207,7 +207,7 @@ function showRelatives(name, table, rows, all) {
 /** @returns {Column<BestSolution>[]} */
 function bestColumns() {
   return [
-    { key: "id", title: "Solution", cell: (row) => [shortId(row.id), !row.strict && el("span", { class: "tag" }, "paper")] },
+    { key: "id", title: "Solution", cell: (row) => [shortId(row.id), !row.strict && el("span", { class: "tag" }, "loose")] },
     { key: "strategy", title: "Strategy", cell: (row) => row.strategy },
     { key: "delta_v", title: "Δv", unit: "km/s", numeric: true, cell: (row) => number(row.delta_v_km_s, 4) },
     { key: "propellant", title: "Propellant", unit: "kg", numeric: true, minor: true, cell: (row) => number(row.propellant_kg, 1) },

@@ -1,4 +1,4 @@
-/** One search: what its chains do, or what became of its seeds, and by which laws. */
+/** One search: its chains or seeds, their solves, and its laws. */
 
 import { ApiError, get } from "../api.js";
 import { mayControl, searchControls, session } from "../controls.js";
@@ -38,7 +38,7 @@ const time = new TimeFigure(byId("time"), "Time per solve");
 let third;
 /** @type {ChainTable | SeedTable | undefined} */
 let rows;
-/** What the pictures show. */
+/** The data that the figures show. */
 let drawn = "";
 
 const page = new Page({ events: `/campaigns/${encodeURIComponent(campaign)}/events`, refresh, redraw });
@@ -50,7 +50,7 @@ page.start();
  */
 async function refresh(events, isAll) {
   if (!isAll && !events.some(({ kind, data }) => kind === "campaign" || data.search === name)) return;
-  // Not awaited yet: of a large search they come a while after all that is told of it in words.
+  // Not awaited yet: for a large search they take longer than the rest of the page.
   const asked = solves.refresh(isAll);
   asked.catch(() => {});
   /** @type {SearchDetail} */
@@ -66,7 +66,7 @@ async function refresh(events, isAll) {
   await asked;
   if (search.n_solves === 0 && search.state === "waiting") return waits(search);
   showEmpty();
-  // Pictures of the same data are left alone: they are what costs.
+  // Figures are expensive: they are redrawn only when their data has changed.
   const data = JSON.stringify([search, solves.last, solves.byId.size]);
   if (data !== drawn) await redraw();
   drawn = data;
@@ -75,7 +75,7 @@ async function refresh(events, isAll) {
 /** @param {string} words */
 function missing(words) {
   showTitle("Search not found", [["Campaigns", "/"]]);
-  showEmpty(el("h2", {}, "There is no such search"), el("p", {}, words), el("p", {}, el("a", { href: "/" }, "All campaigns")));
+  showEmpty(el("h2", {}, "No such search"), el("p", {}, words), el("p", {}, el("a", { href: "/" }, "All campaigns")));
 }
 
 /** @param {SearchDetail} search */
@@ -83,7 +83,7 @@ function waits(search) {
   showEmpty(
     el("h2", {}, "Waiting for seeds"),
     el("p", {}, "Its seeds come from ", search.seeds && sourceLink(search, search.seeds), ", which has to finish first: they are chosen from all that it finds."),
-    el("p", {}, "This page goes on by itself."),
+    el("p", {}, "This page updates by itself."),
   );
 }
 
@@ -93,16 +93,16 @@ function showHead(search) {
   showTitle(`${search.strategy} · ${search.name}`, [["Campaigns", "/"], [search.campaign, about]]);
   byId("state").hidden = false;
   byId("state").dataset.state = search.state;
-  byId("state").textContent = search.campaign_state === "paused" && search.state === "active" ? "active, its campaign is paused" : search.state;
+  byId("state").textContent = search.campaign_state === "paused" && search.state === "active" ? "active, but its campaign is paused" : search.state;
   fill(byId("actions"), mayChange && ["active", "paused"].includes(search.campaign_state) ? searchControls(search, () => page.reload()) : []);
   const best = search.best_solution_id;
   showFacts([
     ["Best Δv", best ? el("a", { href: `/solutions/${best}` }, number(search.best_delta_v_km_s, 4, "km/s")) : NONE],
     ["Guesses", ofPlanned(search.n_solves, search.n_guesses_planned)],
     ["Feasible, strict", search.n_solves ? `${number(search.n_strict, 0)} (${percent(search.n_strict / search.n_solves)})` : NONE],
-    ["Feasible, paper", search.n_solves ? `${number(search.n_paper, 0)} (${percent(search.n_paper / search.n_solves)})` : NONE],
+    ["Feasible, loose", search.n_solves ? `${number(search.n_paper, 0)} (${percent(search.n_paper / search.n_solves)})` : NONE],
     ["CPU", duration(search.cpu_seconds)],
-    ["CPU a strict solution", search.n_strict ? number(search.cpu_seconds / search.n_strict, 1, "s") : NONE],
+    ["CPU per strict solution", search.n_strict ? number(search.cpu_seconds / search.n_strict, 1, "s") : NONE],
     ["Weight, priority", `${number(search.weight, 2).replace(/\.?0+$/, "")}, ${search.priority}`],
   ]);
 }
@@ -130,7 +130,7 @@ async function redraw() {
  * @param {Solve[]} all
  */
 function showProgress(search, all) {
-  // The rest is counted in what is shown, which is a fair part of all.
+  // The other outcomes are estimated from the solves shown, a fair sample of all.
   const rest = search.n_solves - search.n_paper;
   const failed = all.filter(({ verdict }) => verdict === null);
   const part = (/** @type {string} */ ending) => (failed.length ? Math.round((rest * failed.filter((solve) => outcomeOf(solve) === ending).length) / failed.length) : 0);
@@ -151,7 +151,7 @@ async function showThird(search, all, caption) {
     const yields = yieldsOf(solves);
     const n = /** @type {SeedTable} */ (rows).show(yields);
     byId("rows-title").textContent = "Seeds";
-    byId("rows-note").textContent = n < yields.length ? `the ${n} that gave most, of ${number(yields.length, 0)}` : "";
+    byId("rows-note").textContent = n < yields.length ? `the ${n} most productive of ${number(yields.length, 0)}` : "";
     await /** @type {YieldFigure} */ (third).draw(yields, caption);
   } else if (search.laws) {
     third ??= new ReachFigure(byId("reach"), search.laws.adaptive ? "Step size" : "Reach of a hop");
@@ -176,7 +176,7 @@ function showRules(search) {
     facts([
       ...(search.laws ? lawFacts(search.laws, search.hops) : seedFacts(search)),
       ["Budget", budgets.join(" or ") || "all of its seeds"],
-      ["Cap of a solve", caps],
+      ["Limit per solve", caps],
     ]),
   );
   fill(byId("jobs"), facts([["Waiting", number(jobs.queued, 0)], ["Running", number(jobs.running, 0)], ["Done", number(jobs.done, 0)], ["Dead", jobs.dead ? el("a", { href: `/workers?campaign=${search.campaign_id}&state=dead` }, number(jobs.dead, 0)) : "0"], ["Cancelled", number(jobs.cancelled, 0)]]));
@@ -187,7 +187,7 @@ function showRules(search) {
 }
 
 /**
- * Lead to where seeds come from: a search, of this campaign or of another one, or one solution.
+ * Return a link to where seeds come from: a search of this or another campaign, or one solution.
  * @param {SearchDetail} search
  * @param {SeedRules} rules
  */
@@ -209,8 +209,8 @@ function seedFacts(search) {
     ["Seeds from", sourceLink(search, rules)],
     ["Mapping", rules.mapping.join(", ")],
     ["Which seeds", rules.order ? `${limit}, in order of ${rules.order.replaceAll("_", " ")}` : limit],
-    ["For which cases", { every: "every seed for every case", "round-robin": "each seed for one case in turn", contained: "the cases that hold its outages" }[rules.pairing] ?? rules.pairing],
-    ["Good enough", rules.tolerance],
-    ["Outages of another duration", rules.any_duration ? "yes" : "no"],
+    ["For which cases", { every: "every seed for every case", "round-robin": "each seed for one case in turn", contained: "the cases that contain its outages" }[rules.pairing] ?? rules.pairing],
+    ["Tolerance of the seeds", rules.tolerance === "paper" ? "loose" : rules.tolerance],
+    ["Other outage durations", rules.any_duration ? "allowed" : "not allowed"],
   ];
 }

@@ -1,4 +1,4 @@
-/** One solution: its flight, its defects, where it came from, and how to find it again. */
+/** One solution: its flight, defects, certificate and lineage, and how to reproduce it. */
 
 import { address, find, get } from "../api.js";
 import { showCertificate } from "../certificate.js";
@@ -16,7 +16,7 @@ import { facts, Page, pathPart, showEmpty, showFacts, showTitle } from "../page.
  * @import { EventView, RecordInFull } from "../../types"
  */
 
-/** For so long a button says that it has copied [ms]. */
+/** How long a button confirms that it has copied [ms]. */
 const THANKS_MS = 2000;
 
 /**
@@ -34,7 +34,7 @@ export function showReproduction(place, record, command) {
     el(
       "p",
       { class: "muted caption" },
-      "Runs the very job again: the same problem, seed, laws, settings and random key. It says whether every bit of the vector is the same, " +
+      "Runs the same job again: same problem, seed, laws, settings and random key. It reports whether the decision vector is identical bit by bit, " +
         `and which code, packages, kernels or host differ. Found with ${record.code_version} on ${record.host}.`,
     ),
   );
@@ -50,7 +50,7 @@ async function copy(button, text, words) {
     await navigator.clipboard.writeText(words);
     button.textContent = "Copied";
   } catch {
-    // Without https a browser lets only people copy.
+    // Without https, browsers refuse to copy by script.
     window.getSelection()?.selectAllChildren(text);
     button.textContent = "Press Ctrl C";
   }
@@ -107,7 +107,7 @@ async function refresh(events, isAll) {
     showCertificate(byId("certificate"), certificate, id);
     outagesTaken.show(analyses.items[0]);
     performance.mark("solution-shown");
-    // Its picture takes seconds on a slow machine; the rest of the page does not wait for it.
+    // Propagating it takes seconds on a slow machine; the rest of the page does not wait for it.
     flying = flight.load(id, (day) => dateOf(record, day));
   } else if (isAll || events.some(({ kind }) => kind === "solution")) {
     lineage.show(await get(`/solutions/${id}/lineage`));
@@ -117,7 +117,7 @@ async function refresh(events, isAll) {
 function unknown() {
   return [
     el("h2", {}, "No such solution"),
-    el("p", {}, "No solution of this archive has the id ", el("code", {}, id), ". All there are stand in the ", el("a", { href: "/archive" }, "archive"), "."),
+    el("p", {}, "No solution of this archive has the id ", el("code", {}, id), ". All solutions are listed in the ", el("a", { href: "/archive" }, "archive"), "."),
   ];
 }
 
@@ -132,7 +132,7 @@ function showRecord() {
     ["Final mass", number(record.objective_kg, 1, "kg")],
     ["Time of flight", number(record.time_of_flight_days, 2, "d")],
     ["Coast, thrust, coast", `${[record.initial_coast_days, record.shooting_days, record.final_coast_days].map((d) => number(d, 1)).join(" + ")}\u00a0d`],
-    ["Lowest over Earth, Moon", lowest()],
+    ["Lowest above Earth, Moon", lowest()],
     ["Insertion", epoch(record.insertion_epoch)],
     ["Arrival", epoch(record.arrival_epoch)],
   ]);
@@ -143,14 +143,14 @@ function showRecord() {
 }
 
 function verdict() {
-  const [kind, level] = record.strict ? ["strict", "strict"] : record.paper ? ["paper", "paper only"] : ["none", "not verified"];
+  const [kind, level] = record.strict ? ["strict", "strict"] : record.paper ? ["paper", "loose only"] : ["none", "not verified"];
   const words = record.is_marginal ? `${level}, marginal` : level;
   return [el("span", { class: "pill", "data-verdict": kind }, words), el("code", { id: "solution-id", title: record.id }, shortId(record.id))];
 }
 
 function lowest() {
   const altitudes = [record.earth_altitude_km, record.moon_altitude_km];
-  // Solutions that were found by earlier versions were not looked at.
+  // Solutions of earlier versions have no altitudes.
   return altitudes.map((km) => (km === null ? "–" : number(km, 0, "km"))).join(", ");
 }
 
@@ -165,7 +165,7 @@ function origin() {
     ["Solver", record.status.toLowerCase().replaceAll("_", " ")],
     ["Iterations", number(record.n_iterations, 0)],
     ["Evaluations", number(record.n_evaluations, 0)],
-    ["Processor time", number(record.cpu_seconds, 1, "s")],
+    ["CPU time", number(record.cpu_seconds, 1, "s")],
     ["Verifier", String(record.verification.integrator ?? "–").replace("scipy.integrate.", "SciPy, ")],
     ["Random key", el("code", {}, record.rng_key)],
     ["Code", el("code", {}, record.code_version)],

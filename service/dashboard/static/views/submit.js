@@ -1,4 +1,4 @@
-/** A new campaign: its specification written or uploaded, checked as one types, and submitted. */
+/** A new campaign: its specification is written or uploaded, checked while typing, and submitted. */
 
 import { ApiError, get, post } from "../api.js";
 import { byId, el, fill } from "../dom.js";
@@ -115,7 +115,7 @@ async function readClone(clone) {
     return true;
   } catch (error) {
     if (!(error instanceof ApiError)) throw error;
-    showEmpty(el("p", {}, error.message), el("p", {}, el("a", { href: "/campaigns/new" }, "Begin with a template")));
+    showEmpty(el("p", {}, error.message), el("p", {}, el("a", { href: "/campaigns/new" }, "Start from a template")));
     return false;
   }
 }
@@ -153,7 +153,7 @@ async function upload() {
   await check();
 }
 
-/** Tab writes two spaces, as in a program's editor; after Escape it goes on to the next control.
+/** Tab inserts two spaces, as in a code editor; after Escape it moves to the next control.
  * @param {KeyboardEvent} event
  */
 function keys(event) {
@@ -175,7 +175,7 @@ async function check() {
   const n = ++nCheck;
   try {
     const found = /** @type {SpecCheck} */ (await post("/specs/check", { text: editor.text }));
-    // An answer about an older text comes too late.
+    // The answer may be about an older text.
     if (n === nCheck) showCheck(found);
   } catch (error) {
     if (!(error instanceof ApiError)) throw error;
@@ -189,7 +189,7 @@ function showCheck({ faults, fields: found, plan }) {
   byId("form").dataset.faults = String(faults.length);
   editor.mark(faults);
   allow(found);
-  byId("verdict").textContent = plan ? "What will be run" : faults.length === 1 ? "One thing to mend" : `${faults.length} things to mend`;
+  byId("verdict").textContent = plan ? "What will run" : faults.length === 1 ? "1 error" : `${faults.length} errors`;
   fill(byId("said"), plan ? planned(plan) : listed(faults));
 }
 
@@ -201,7 +201,7 @@ function allow(found) {
 }
 
 function newKey() {
-  // randomUUID is there on https and loopback alone.
+  // randomUUID exists only on https and loopback.
   return [...crypto.getRandomValues(new Uint8Array(16))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
 }
 

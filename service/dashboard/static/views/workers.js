@@ -1,4 +1,4 @@
-/** Workers and jobs: who is connected, what each does and did, what waits, and what went wrong. */
+/** Workers and jobs: who is connected, what they did, what waits, and dead jobs. */
 
 import { get, post } from "../api.js";
 import { Attempts, Gantt } from "../attempts.js";
@@ -29,7 +29,7 @@ export class WorkerTable {
         { key: "name", title: "Worker", cell: (worker) => [el("strong", {}, worker.name), el("small", { class: "muted under" }, `${worker.executor} on ${worker.host}`)] },
         { key: "alive", title: "State", minor: true, cell: (worker) => el("span", { class: "pill", "data-state": worker.is_alive ? "active" : "gone" }, worker.is_alive ? "connected" : "gone") },
         { key: "slots", title: "Busy", cell: (worker) => meter(worker.held.length, worker.slots, `${number(worker.held.length, 0)} of ${number(worker.slots, 0)} slots`, "Slots in use") },
-        { key: "cpu", title: "CPU", cell: (worker) => (worker.cpu_cores === null ? NONE : meter(worker.cpu_cores, worker.slots, number(worker.cpu_cores, 2, "cores"), "Processors in use")) },
+        { key: "cpu", title: "CPU", cell: (worker) => (worker.cpu_cores === null ? NONE : meter(worker.cpu_cores, worker.slots, number(worker.cpu_cores, 2, "cores"), "CPU cores in use")) },
         { key: "memory", title: "Memory", cell: memory },
         { key: "seen", title: "Last seen", numeric: true, minor: true, cell: (worker) => `${ago(worker.seen_at)} ago` },
         { key: "since", title: "Since", numeric: true, minor: true, cell: (worker) => `${ago(worker.created_at)} ago` },
@@ -70,7 +70,7 @@ function meter(value, whole, words, name) {
   return el("div", { class: "meter", ...said }, el("span", {}, words), el("div", { class: "track" }, el("i", { style: `width:${100 * share}%` })));
 }
 
-/** Leases and needs change without an event: they are looked at so often [ms]. */
+/** How often the page polls: leases and loads change without an event [ms]. */
 const LOOK_MS = 5000;
 const WINDOWS = /** @type {[string, number][]} */ ([["15 min", 900], ["1 h", 3600], ["6 h", 21_600]]);
 const STATES = /** @type {[State, string][]} */ ([["running", "Running"], ["queued", "Waiting"], ["dead", "Dead"]]);
@@ -93,7 +93,7 @@ const jobTable = new JobTable(byId("jobs"), byId("more"), () => page.reload());
 const queueTable = /** @type {Table<QueueItem>} */ (
   new Table(
     byId("queue"),
-    "Jobs that wait, run or were given up, by campaign",
+    "Waiting, running and dead jobs by campaign",
     [
       { key: "name", title: "Campaign", cell: (item) => item.name },
       { key: "state", title: "State", minor: true, cell: (item) => el("span", { class: "pill", "data-state": item.state }, item.state) },
@@ -180,17 +180,17 @@ function showWorkers() {
   if (alive.length === 0) fill(byId("no-worker"), ...invitation());
 }
 
-/** Say how to connect a worker, with a token where one is needed. */
+/** Return how to connect a worker, with a token where one is needed. */
 function invitation() {
   const waits = queue?.jobs.queued ?? 0;
   const command = `coastarc dispatch --url ${window.location.origin} --workers 2`;
   const needsToken = who !== null && who.name !== "loopback";
   return [
     el("h2", {}, "No worker is connected"),
-    el("p", {}, waits ? `${counted(waits, "job waits", "jobs wait")} for one. Start it here or on another machine:` : "Nothing can be worked on. Start a worker here or on another machine:"),
+    el("p", {}, waits ? `${counted(waits, "job is", "jobs are")} waiting for one. Start one here or on another machine:` : "No job can run. Start a worker here or on another machine:"),
     el("pre", {}, needsToken ? `${command} --token-file worker.token` : command),
     ...(needsToken
-      ? [el("p", {}, "This coordinator asks for a token of the role worker. An administrator makes one:"), el("pre", {}, `coastarc token create my-worker --role worker --out worker.token --url ${window.location.origin}`)]
+      ? [el("p", {}, "This coordinator requires a token with the role worker. An administrator creates one:"), el("pre", {}, `coastarc token create my-worker --role worker --out worker.token --url ${window.location.origin}`)]
       : []),
   ];
 }
@@ -209,7 +209,7 @@ function showChoices(waiting, n) {
   const counts = campaign ? (waiting.campaigns.find(({ campaign_id: id }) => String(id) === campaign)?.jobs ?? null) : waiting.jobs;
   tabs("states", STATES.map(([name, words]) => [name, `${words} ${number(counts?.[name] ?? 0, 0)}`]), state, (name) => choose({ state: name }));
   tabs("windows", WINDOWS.map(([words, seconds]) => [String(seconds), words]), String(windowOf()), (seconds) => choose({ window: seconds }));
-  const none = { running: "Nothing runs.", queued: "Nothing waits.", dead: "No job was given up." };
+  const none = { running: "No job is running.", queued: "No job is waiting.", dead: "No job is dead." };
   byId("jobs-note").hidden = n > 0;
   byId("jobs-note").textContent = none[state];
   byId("jobs").hidden = n === 0;
@@ -229,7 +229,7 @@ function tabs(place, entries, current, press) {
 
 /** @param {QueueItem} item */
 function askRequeueAll(item) {
-  const words = [el("p", {}, `${counted(item.jobs.dead, "dead job gets", "dead jobs get")} another attempt with a clean record; searches that were done open again for them.`)];
+  const words = [el("p", {}, `${counted(item.jobs.dead, "dead job gets", "dead jobs get")} another attempt, and their failures are forgotten; searches that were done become active again.`)];
   confirm(`Requeue all dead jobs of “${item.name}”?`, words, "Requeue them", async () => {
     await post(`/campaigns/${item.campaign_id}/requeue`);
     await page.reload();
