@@ -71,6 +71,17 @@ def test_a_brush_restricts_table_and_pictures_and_a_field_does_the_same(archive,
     page.wait_for_selector(f"#parallel-plot[data-chosen='{n}']")
 
 
+@pytest.mark.parametrize("filtered", ["", "min_time_of_flight_days=104"])
+def test_the_front_is_that_of_the_service(archive, visit, filtered):
+    _, url = archive
+    page = drawn(visit(f"{url}/archive?{filtered}"))
+    points = page.request.get(f"{url}/api/v1/solutions/points?{filtered}").json()
+    line = page.evaluate("document.getElementById('scatter-plot').data.at(-1)")
+    assert line["name"] == "Pareto front" and points["front"]
+    assert line["y"] == [points["delta_v_km_s"][i] for i in points["front"]]
+    assert line["x"] == [points["time_of_flight_days"][i] for i in points["front"]]
+
+
 def test_columns_sort_and_a_value_begins_a_page(archive, visit):
     store, url = archive
     page = drawn(visit(f"{url}/archive"))

@@ -1,4 +1,4 @@
-"""The pages of campaigns: the list, a new one, and one that is watched and steered."""
+"""The pages of campaigns: the list, a new one, and one that is watched and controlled."""
 
 import re
 
@@ -81,7 +81,7 @@ def test_searches_say_how_far_they_are_and_what_they_found(archive, visit):
     assert re.search(r"0\.\d{4}\u00a0km/s", row)
     assert "segment 24, 1.0\u00a0d" in page.inner_text("[data-search='s1-0']")
     assert page.get_attribute("[data-search='s1-0'] th a", "href") == "/campaigns/1/searches/s1-0"
-    # What has ended cannot be steered.
+    # What has ended cannot be controlled.
     assert page.locator("#actions button").count() == 0
 
 

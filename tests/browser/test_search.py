@@ -1,4 +1,4 @@
-"""The page of one search: its hops or its seeds, its laws, and how it is steered."""
+"""The page of one search: its hops or its seeds, its laws, and how it is controlled."""
 
 import re
 

@@ -78,9 +78,9 @@ def test_a_frame_has_its_own_address_and_the_way_back(robust, visit):
 
 FRAMES_AS_SENT = """async (id) => {
   const module = document.querySelector('link[rel=modulepreload][href$="/frames.js"]').href;
-  const { completed } = await import(module);
+  const { withAllFrames } = await import(module);
   const ask = async (query) => (await fetch(`/api/v1/solutions/${id}/trajectory${query}`)).json();
-  const [full, made] = [await ask(''), completed(await ask('?tracks=inertial'))];
+  const [full, made] = [await ask(''), withAllFrames(await ask('?tracks=inertial'))];
   const tracks = (flight) => [...flight.trajectories, flight.moon, flight.target];
   const off = (a, b) => Math.max(...a.map((row, i) => Math.hypot(...row.map((value, k) => value - b[i][k]))));
   const pairs = tracks(full).map((track, i) => [track, tracks(made)[i]]);

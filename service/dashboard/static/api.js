@@ -28,9 +28,10 @@ export function address(path, query = {}) {
 }
 
 /**
+ * @template Answer
  * @param {string} path
  * @param {Query} [query]
- * @returns {Promise<any>}
+ * @returns {Promise<Answer>}
  */
 export function get(path, query) {
   return ask(address(path, query), { headers: { Accept: "application/json" } });
@@ -38,8 +39,9 @@ export function get(path, query) {
 
 /**
  * Return what a route has, or null where the id in its path is unknown or invalid.
+ * @template Answer
  * @param {string} path
- * @returns {Promise<any>}
+ * @returns {Promise<Answer | null>}
  */
 export async function find(path) {
   try {
@@ -51,10 +53,11 @@ export async function find(path) {
 }
 
 /**
+ * @template Answer
  * @param {string} path
  * @param {unknown} [body] sent as JSON
  * @param {Record<string, string>} [headers]
- * @returns {Promise<any>}
+ * @returns {Promise<Answer>}
  */
 export function post(path, body, headers = {}) {
   const content = body === undefined ? {} : { body: JSON.stringify(body) };
@@ -64,10 +67,11 @@ export function post(path, body, headers = {}) {
 
 /**
  * Send a file unchanged.
+ * @template Answer
  * @param {string} path
  * @param {File} file
  * @param {string} type
- * @returns {Promise<any>}
+ * @returns {Promise<Answer>}
  */
 export function upload(path, file, type) {
   return ask(address(path), { method: "POST", headers: { "Content-Type": type, Accept: "application/json" }, body: file });

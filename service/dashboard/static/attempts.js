@@ -6,7 +6,7 @@ import { sampled, SvgFigure } from "./figures.js";
 import { duration } from "./format.js";
 import { colour } from "./theme.js";
 
-/** @import { AttemptView } from "../types" */
+/** @import { AttemptPage, AttemptView } from "../types" */
 
 /** Bars of one figure. */
 const MOST = 5000;
@@ -49,9 +49,10 @@ export class Attempts {
     if (this.isPart && this.until > 0 && performance.now() - this.drawnAt < DRAWN_MS) return;
     const isWhole = this.isPart || this.until === 0;
     const since = new Date(isWhole ? now - 1000 * this.seconds : this.until - OVERLAP_MS).toISOString();
+    /** @type {AttemptPage} */
     const answer = await get("/attempts", { since, limit: MOST });
     if (isWhole) this.byKey.clear();
-    for (const one of /** @type {AttemptView[]} */ (answer.items)) this.byKey.set(`${one.job_id}/${one.attempt}`, one);
+    for (const one of answer.items) this.byKey.set(`${one.job_id}/${one.attempt}`, one);
     if (isWhole) [this.nAll, this.drawnAt] = [answer.n_all, performance.now()];
     this.until = Date.parse(answer.until);
     this.forget(this.until - 1000 * this.seconds);
@@ -106,7 +107,7 @@ export class Gantt {
     this.figure.plot.after(this.readout);
     /** @type {Map<string, AttemptView>} */
     this.byKey = new Map();
-    for (const kind of ["pointerover", "focusin"]) this.figure.plot.addEventListener(kind, (event) => this.tell(event));
+    for (const kind of ["pointerover", "focusin"]) this.figure.plot.addEventListener(kind, (event) => this.describe(event));
   }
 
   /**
@@ -128,7 +129,7 @@ export class Gantt {
   }
 
   /** @param {Event} event */
-  tell(event) {
+  describe(event) {
     const key = /** @type {Element} */ (event.target).closest("[data-attempt]")?.getAttribute("data-attempt");
     const one = key && this.byKey.get(key);
     if (!one) return;

@@ -78,7 +78,7 @@ export class Overlay {
       tab.setAttribute("tabindex", isChosen ? "0" : "-1");
     }
     this.box.checked = hasRealizations;
-    const shown = sides.flatMap((side) => flown(side, hasRealizations));
+    const shown = sides.flatMap((side) => shownTrajectories(side, hasRealizations));
     const n = shown.reduce((sum, { days }) => sum + days.length, 0);
     const step = Math.max(1, Math.ceil(n / MOST_POINTS));
     const first = /** @type {Flight} */ (sides[0].flight);
@@ -87,7 +87,7 @@ export class Overlay {
       ...bodies(first, frame),
       ...(frame === "rotating" ? [moon(first)] : []),
       line("Target orbit", pointsOf(first.target, frame), { color: colour("target"), width: 4 }),
-      ...sides.flatMap((side, place) => flown(side, hasRealizations).flatMap((trajectory, i) => arcs(trajectory, i, nameOf(side, place, isNarrow), lookOf(place).color, frame, step))),
+      ...sides.flatMap((side, place) => shownTrajectories(side, hasRealizations).flatMap((trajectory, i) => arcs(trajectory, i, nameOf(side, place, isNarrow), lookOf(place).color, frame, step))),
     ];
     const note = FRAMES.find(({ id }) => id === frame)?.note ?? "";
     const words = `${note} Thick: thrust; thin: coast; dotted: realizations; orange: outages. ${sampled(Math.ceil(n / step), n, "samples")}`;
@@ -112,7 +112,7 @@ function moon(flight) {
  * @param {Side} side
  * @param {boolean} hasRealizations
  */
-function flown(side, hasRealizations) {
+function shownTrajectories(side, hasRealizations) {
   const all = side.flight?.trajectories ?? [];
   return hasRealizations ? all : all.slice(0, 1);
 }

@@ -221,7 +221,7 @@ export class SvgFigure {
     const copy = /** @type {SVGElement} */ (drawn.cloneNode(true));
     copy.prepend(svg("rect", { width: "100%", height: "100%", fill: colour("card") }));
     const written = new Blob([new XMLSerializer().serializeToString(copy)], { type: "image/svg+xml" });
-    download(format === "svg" ? written : await painted(written, this.width, drawn.clientHeight), `coastarc-${this.name}.${format}`);
+    download(format === "svg" ? written : await rasterized(written, this.width, drawn.clientHeight), `coastarc-${this.name}.${format}`);
   }
 }
 
@@ -231,7 +231,7 @@ export class SvgFigure {
  * @param {number} height
  * @returns {Promise<Blob>}
  */
-async function painted(written, width, height) {
+async function rasterized(written, width, height) {
   const image = new Image();
   image.src = URL.createObjectURL(written);
   await image.decode();

@@ -4,7 +4,7 @@ import { ApiError, get } from "./api.js";
 import { byId, el, fill } from "./dom.js";
 import { FRAMES, lastDay, lookOf, nameOf, outageText } from "./flight.js";
 import { number } from "./format.js";
-import { completed } from "./frames.js";
+import { withAllFrames } from "./frames.js";
 import { parameter, setParameters } from "./page.js";
 import { ProfileFigures } from "./profile.js";
 import { colour } from "./theme.js";
@@ -41,7 +41,7 @@ export class FlightView {
     this.mark();
     try {
       /** @type {Flight} */
-      this.flight = completed(await get(`/solutions/${id}/trajectory`, { samples: SAMPLES, tracks: "inertial" }));
+      this.flight = withAllFrames(await get(`/solutions/${id}/trajectory`, { samples: SAMPLES, tracks: "inertial" }));
     } catch (error) {
       if (!(error instanceof ApiError)) throw error;
       fill(this.waiting, `The trajectory could not be drawn: ${error.message} Reload the page to try again.`);

@@ -14,7 +14,7 @@ const LEAST_STEP_DAYS = 0.4;
  * Return a flight with the Moon and the rotating frame at every sample.
  * @param {Flight} flight with positions in the inertial frame alone
  */
-export function completed(flight) {
+export function withAllFrames(flight) {
   for (const track of [...flight.trajectories, flight.moon]) complete(track, flight.moon.days, flight.moon.inertial_km);
   complete(flight.target, flight.target.days, flight.target.moon_km);
   return flight;

@@ -34,7 +34,7 @@ export class HopGrid {
     this.figure.plot.after(this.readout);
     /** @type {Map<string, Solve>} */
     this.solves = new Map();
-    for (const kind of ["pointerover", "focusin"]) this.figure.plot.addEventListener(kind, (event) => this.tell(event));
+    for (const kind of ["pointerover", "focusin"]) this.figure.plot.addEventListener(kind, (event) => this.describe(event));
     this.figure.plot.addEventListener("keydown", (event) => this.move(event));
   }
 
@@ -57,7 +57,7 @@ export class HopGrid {
   }
 
   /** @param {Event} event */
-  tell(event) {
+  describe(event) {
     const cell = /** @type {Element} */ (event.target).closest("[data-solve]");
     const solve = cell && this.solves.get(cell.getAttribute("data-solve") ?? "");
     if (solve) fill(this.readout, ...words(solve));

@@ -8,7 +8,7 @@ import { Table } from "./table.js";
 
 /**
  * @import { Column } from "./table.js"
- * @import { AttemptDetail, JobView } from "../types"
+ * @import { AttemptDetail, AttemptsOfJob, JobPage, JobView } from "../types"
  */
 
 /** @typedef {"running" | "queued" | "dead"} State */
@@ -62,6 +62,7 @@ export class JobTable {
     /** @type {number | null} */
     let after = 0;
     while (after !== null && jobs.length < this.limit) {
+      /** @type {JobPage} */
       const answer = await get("/jobs", { state: this.state, campaign: this.campaign, after, limit: Math.min(200, this.limit - jobs.length) });
       jobs.push(...answer.items);
       after = answer.next;
@@ -145,7 +146,11 @@ export class JobTable {
   /** @param {JobView} job */
   async toggle(job) {
     if (this.opened.has(job.id)) this.opened.delete(job.id);
-    else this.opened.set(job.id, (await get(`/jobs/${job.id}/attempts`)).items);
+    else {
+      /** @type {AttemptsOfJob} */
+      const { items } = await get(`/jobs/${job.id}/attempts`);
+      this.opened.set(job.id, items);
+    }
     this.draw();
   }
 

@@ -47,7 +47,7 @@ export class Page {
     await this.refresh();
     if (this.view.events === null) return showConnection("still", this.lastHeard);
     this.follow();
-    document.addEventListener("visibilitychange", () => this.seen());
+    document.addEventListener("visibilitychange", () => this.visibilityChanged());
   }
 
   /** Read everything again, as after a change that this page has made. */
@@ -58,10 +58,10 @@ export class Page {
 
   follow() {
     const path = /** @type {string} */ (this.view.events);
-    this.stream = new EventStream(path, (event) => this.take(event), (connection) => this.connected(connection));
+    this.stream = new EventStream(path, (event) => this.receive(event), (connection) => this.connected(connection));
   }
 
-  seen() {
+  visibilityChanged() {
     window.clearTimeout(this.hiding);
     if (document.hidden) {
       this.hiding = window.setTimeout(() => {
@@ -70,12 +70,12 @@ export class Page {
       }, HIDDEN_MS);
     } else if (!this.stream) {
       this.follow();
-      this.take(null);
+      this.receive(null);
     }
   }
 
   /** @param {EventView | null} event */
-  take(event) {
+  receive(event) {
     if (event === null) this.wantsAll = true;
     else this.waiting.push(event);
     this.schedule();
@@ -248,12 +248,12 @@ export class EventStream {
     const from = this.lastId ? `?after=${encodeURIComponent(this.lastId)}` : "";
     this.source = new EventSource(this.address + from);
     this.source.onopen = () => this.connected();
-    this.source.onerror = () => this.lost();
-    this.source.onmessage = (event) => this.take(event);
+    this.source.onerror = () => this.disconnected();
+    this.source.onmessage = (event) => this.receive(event);
   }
 
   /** @param {MessageEvent} event */
-  take(event) {
+  receive(event) {
     this.lastId = event.lastEventId || this.lastId;
     this.onEvent(JSON.parse(event.data));
   }
@@ -268,7 +268,7 @@ export class EventStream {
     if (again) this.onEvent(null);
   }
 
-  lost() {
+  disconnected() {
     // Browsers differ in when they reconnect, so reconnecting is always done here.
     this.source?.close();
     if (this.closed) return;

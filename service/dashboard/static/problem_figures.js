@@ -182,13 +182,13 @@ export class ChanceFigures {
    * @param {number[]} missed durations of the problem's outages [days]
    */
   async show(structure, arcDays, missed) {
-    await this.counts.show(counted(structure), countLayout(arcDays), countWords(structure, arcDays));
-    await this.durations.show([lasting(structure)], durationLayout(structure, missed), durationWords(structure, missed));
+    await this.counts.show(countTraces(structure), countLayout(arcDays), countWords(structure, arcDays));
+    await this.durations.show([durationTrace(structure)], durationLayout(structure, missed), durationWords(structure, missed));
   }
 }
 
 /** @param {ProblemStructure} structure */
-function counted({ chances }) {
+function countTraces({ chances }) {
   /** @type {[string, (chance: ProblemStructure["chances"][number]) => number][]} */
   const curves = [["one or more", (c) => 1 - c.none], ["exactly one", (c) => c.one], ["two or more", (c) => c.several]];
   return curves.map(([name, of], place) => ({
@@ -237,7 +237,7 @@ function countWords({ between, chances }, arcDays) {
 }
 
 /** @param {ProblemStructure} structure */
-function lasting({ durations }) {
+function durationTrace({ durations }) {
   return {
     type: "scatter",
     mode: "lines",

@@ -46,6 +46,7 @@ export class Solves {
   async refresh(isAll) {
     if (!isAll && this.isPart && performance.now() - this.drawnAt < DRAWN_MS) return;
     const after = isAll || this.isPart ? 0 : this.last;
+    /** @type {HopsView} */
     const answer = await get(this.path, { after, limit: MOST });
     if (after === 0) this.forget();
     this.take(answer);

@@ -44,6 +44,8 @@ def test_a_finished_campaign_shows_counts_and_the_best(client, finished):
     assert s0["hops"] == 2 and s1["hops"] == 1
     assert set(s0["statuses"]) == {"OPTIMAL", "STALLED"} and sum(s0["statuses"].values()) == 8
     assert s0["n_solves"] == 8 and s0["n_strict"] <= s0["n_paper"] <= s0["n_solves"]
+    assert s0["strict_ratio"]["value"] == s0["n_strict"] / 8
+    assert 0 < s0["strict_ratio"]["low"] < s0["strict_ratio"]["value"] <= s0["strict_ratio"]["high"] <= 1
     (case,) = s1["cases"]
     assert case["outages"] == [{"segment": 24, "duration_days": 1.0}] and s1["mapping"] == "reference"
     assert body["best_delta_v_km_s"] == min(s["best_delta_v_km_s"] for s in body["searches"])

@@ -116,7 +116,7 @@ export class Parallel {
     this.figure.plot.addEventListener("pointerdown", (event) => this.begin(event));
     this.figure.plot.addEventListener("pointermove", (event) => this.drag(event));
     this.figure.plot.addEventListener("pointerup", (event) => this.end(event));
-    this.figure.plot.addEventListener("pointercancel", () => this.give());
+    this.figure.plot.addEventListener("pointercancel", () => this.cancelDrag());
   }
 
   /**
@@ -249,7 +249,7 @@ export class Parallel {
     this.onBrush(AXES[place].key, Math.abs(to - from) < CLICK ? null : this.bounds(place, from, to));
   }
 
-  give() {
+  cancelDrag() {
     if (!this.held) return;
     this.ranges = this.held.before;
     this.held = undefined;

@@ -116,6 +116,7 @@ export class Listing {
   /** @param {Query} filter */
   async load(filter) {
     const [after, begin] = [parameter("after"), parameter("begin")];
+    /** @type {RecordPage} */
     const page = await get("/solutions", { ...filter, ...this.order, after, begin, limit: PAGE });
     return () => this.show(page);
   }

@@ -11,7 +11,7 @@ import { Choice, Clusters, distance, Listing, watchDistance } from "../solutions
 /**
  * @import { Query } from "../api.js"
  * @import { AxisKey, Ranges } from "../solutions/filters.js"
- * @import { EventView, PointsView } from "../../types"
+ * @import { ChoicesView, ClusterPage, EventView, PointsView } from "../../types"
  */
 
 /** @typedef {{ all: PointsView, chosen: PointsView, ranges: Ranges }} Seen  points of the filter without and with its ranges */
@@ -30,10 +30,12 @@ const listing = new Listing(choice, () => page.reload());
 const scatter = new Scatter(byId("scatter"));
 const parallel = new Parallel(byId("parallel"), (key, bounds) => filters.restrict(key, bounds));
 const clusters = new Clusters();
-let turn = 0;
-let slowAt = -Infinity;
+let latestRequest = 0;
+let drawnAt = -Infinity;
 /** @type {Seen | undefined} */
 let seen;
+/** @type {number | undefined} */
+let pending;
 
 /**
  * @param {EventView[]} events
@@ -41,44 +43,44 @@ let seen;
  */
 async function refresh(events, isAll) {
   if (!isAll && !events.some(({ kind }) => kind === "solution" || kind === "campaign")) return;
-  const mine = ++turn;
+  const request = ++latestRequest;
   const filter = filterOfAddress();
-  const isDue = isAll || performance.now() - slowAt > SLOW_MS || (seen && seen.all.n === seen.all.id.length);
+  const isDue = isAll || performance.now() - drawnAt > SLOW_MS || (seen && seen.all.n === seen.all.id.length);
   // Requested together with the list, and shown after it.
-  const asked = isDue ? readPoints(filter) : null;
-  asked?.catch(() => {});
+  const points = isDue ? readPoints(filter) : null;
+  points?.catch(() => {});
+  /** @type {[ChoicesView, () => void]} */
   const [choices, list] = await Promise.all([get("/solutions/choices", { campaign: filter.campaign }), listing.load(filter)]);
   // Another filter was chosen meanwhile.
-  if (mine !== turn) return;
+  if (request !== latestRequest) return;
   filters.show(choices);
   choice.show();
   list();
-  if (asked) await refreshPictures(filter, mine, asked);
-  else later();
+  if (points) await refreshPictures(filter, request, points);
+  else refreshLater();
 }
 
 /** Refresh the figures later, when they are due. */
-function later() {
+function refreshLater() {
   window.clearTimeout(pending);
   pending = window.setTimeout(() => page.reload(), SLOW_MS);
 }
-/** @type {number | undefined} */
-let pending;
 
 /**
  * @param {Query} filter
- * @param {number} mine
- * @param {Promise<[PointsView, PointsView]>} asked
+ * @param {number} request
+ * @param {Promise<[PointsView, PointsView]>} points
  */
-async function refreshPictures(filter, mine, asked) {
-  slowAt = performance.now();
-  const [all, chosen] = await asked;
-  if (mine !== turn) return;
+async function refreshPictures(filter, request, points) {
+  drawnAt = performance.now();
+  const [all, chosen] = await points;
+  if (request !== latestRequest) return;
   seen = { all, chosen, ranges: rangesOf(filter) };
   show(filter, chosen);
   // Clusters take as long as all the rest; the figures do not wait for them.
+  /** @type {[ClusterPage, void]} */
   const [found] = await Promise.all([get("/solutions/clusters", { ...filter, threshold: distance() }), draw()]);
-  if (mine === turn) clusters.show(found);
+  if (request === latestRequest) clusters.show(found);
 }
 
 /**
@@ -87,9 +89,10 @@ async function refreshPictures(filter, mine, asked) {
  * @returns {Promise<[PointsView, PointsView]>}
  */
 function readPoints(filter) {
-  const points = (/** @type {Query} */ some) => get("/solutions/points", { ...some, most: MOST_DRAWN });
-  const all = points(withoutRanges(filter));
-  return Promise.all([all, rangesOf(filter).size ? points(filter) : all]);
+  const read = (/** @type {Query} */ some) => get("/solutions/points", { ...some, most: MOST_DRAWN });
+  /** @type {Promise<PointsView>} */
+  const all = read(withoutRanges(filter));
+  return Promise.all([all, rangesOf(filter).size ? read(filter) : all]);
 }
 
 /**

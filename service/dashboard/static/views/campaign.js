@@ -11,7 +11,7 @@ import { Table } from "../table.js";
 
 /**
  * @import { Child } from "../dom.js"
- * @import { CampaignView, HistoryView, JobView } from "../../types"
+ * @import { CampaignView, HistoryView, JobPage, JobView, SessionView } from "../../types"
  */
 
 /** After a start the service reads a large archive in pieces; meanwhile the page polls this often [ms]. */
@@ -35,8 +35,10 @@ page.start();
 
 async function refresh() {
   // Not awaited yet: in a large archive it takes longer than the rest of the page.
+  /** @type {Promise<HistoryView>} */
   const asked = get(`/campaigns/${id}/history`);
   asked.catch(() => {});
+  /** @type {[CampaignView, SessionView | null] | null} */
   const found = await Promise.all([get(`/campaigns/${id}`), who]).catch(missing);
   if (!found) return;
   const [campaign, user] = found;
@@ -45,7 +47,6 @@ async function refresh() {
   showHead(campaign);
   showSearches(id, campaign.searches, mayChange ? (search) => askWeight(id, search, changed) : null);
   await showJobs(campaign);
-  /** @type {HistoryView} */
   const history = await asked;
   showReading(history);
   showChains(byId("chains"), history.chains);
@@ -117,7 +118,7 @@ function showReading(history) {
   const isPart = history.n_read < history.n_solves;
   byId("reading").hidden = !isPart;
   fill(byId("reading"), `Reading the archive: figures show the first ${number(history.n_read, 0)} of ${number(history.n_solves, 0)} solves.`);
-  if (isPart) window.setTimeout(() => page.take(null), READ_ON_MS);
+  if (isPart) window.setTimeout(() => page.receive(null), READ_ON_MS);
 }
 
 const dead = /** @type {Table<JobView>} */ (
@@ -143,6 +144,7 @@ async function showJobs(campaign) {
   byId("jobs-link").setAttribute("href", `/workers?campaign=${id}`);
   byId("dead").hidden = of("dead") === 0;
   if (of("dead") === 0) return dead.show([]);
+  /** @type {JobPage} */
   const { items } = await get("/jobs", { campaign: id, state: "dead", limit: 20 });
   dead.show(items);
 }

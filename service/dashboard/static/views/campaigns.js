@@ -41,9 +41,9 @@ const READ_ON_MS = 250;
 
 const page = new Page({ events: "/events/stream", refresh });
 page.start();
-offerMore();
+showActions();
 
-async function offerMore() {
+async function showActions() {
   const mayImport = mayControl(await session());
   fill(
     byId("actions"),
@@ -53,11 +53,12 @@ async function offerMore() {
 }
 
 async function refresh() {
-  const { items } = /** @type {CampaignCards} */ (await get("/campaigns"));
+  /** @type {CampaignCards} */
+  const { items } = await get("/campaigns");
   if (items.length === 0) return showEmpty(...welcome());
   showEmpty();
   fill(byId("campaigns"), items.map(row));
-  if (items.some((item) => item.n_read < item.n_solves)) window.setTimeout(() => page.take(null), READ_ON_MS);
+  if (items.some((item) => item.n_read < item.n_solves)) window.setTimeout(() => page.receive(null), READ_ON_MS);
 }
 
 function welcome() {

@@ -118,7 +118,7 @@ async function refresh() {
   if (sides.length < ids.length) refuse(`${ids.length - sides.length} of the solutions in the address are not in this archive.`);
   byId("add").hidden = sides.length >= MOST;
   showNumbers(sides, (id) => choose(ids.filter((one) => one !== id)));
-  drawing = drawing.then(() => fly(sides)).then(draw);
+  drawing = drawing.then(() => loadFlights(sides)).then(draw);
 }
 
 /** @param {boolean} areUnknown */
@@ -137,6 +137,7 @@ function none(areUnknown) {
 async function side(id) {
   const mine = known.get(id);
   if (mine) return mine;
+  /** @type {RecordInFull | null} */
   const record = await find(`/solutions/${id}`);
   if (!record) return null;
   const read = { id, record, flight: null };
@@ -145,7 +146,7 @@ async function side(id) {
 }
 
 /** @param {Side[]} sides */
-async function fly(sides) {
+async function loadFlights(sides) {
   const missing = sides.filter(({ flight }) => flight === null);
   overlay.waiting.hidden = missing.length === 0;
   const failed = [];

@@ -113,8 +113,10 @@ let family;
  */
 async function refresh(events, isAll) {
   if (!problem) {
-    problem = await find(`/problems/${hash}`);
-    if (!problem) return showEmpty(...unknown());
+    /** @type {ProblemView | null} */
+    const found = await find(`/problems/${hash}`);
+    if (!found) return showEmpty(...unknown());
+    problem = found;
     showProblem();
     // Its counts take a moment the first time; the rest does not wait for them.
     structure = await get(`/problems/${hash}/structure`);

@@ -35,7 +35,7 @@ const violation = new ViolationFigure(byId("violation"), "Violation");
 const deltaV = new DeltaVFigure(byId("delta-v"), "Δv of feasible solves");
 const time = new TimeFigure(byId("time"), "Time per solve");
 /** @type {ReachFigure | YieldFigure | undefined} */
-let third;
+let reachOrYield;
 /** @type {ChainTable | SeedTable | undefined} */
 let rows;
 /** The data that the figures show. */
@@ -59,12 +59,12 @@ async function refresh(events, isAll) {
     [search, mayChange] = await Promise.all([get(path), isAll ? session().then(mayControl) : mayChange]);
   } catch (error) {
     if (!(error instanceof ApiError) || ![404, 422].includes(error.status)) throw error;
-    return missing(error.message);
+    return showMissing(error.message);
   }
   shown = search;
   showHead(search);
   await asked;
-  if (search.n_solves === 0 && search.state === "waiting") return waits(search);
+  if (search.n_solves === 0 && search.state === "waiting") return showWaiting(search);
   showEmpty();
   // Figures are expensive: they are redrawn only when their data has changed.
   const data = JSON.stringify([search, solves.last, solves.byId.size]);
@@ -73,13 +73,13 @@ async function refresh(events, isAll) {
 }
 
 /** @param {string} words */
-function missing(words) {
+function showMissing(words) {
   showTitle("Search not found", [["Campaigns", "/"]]);
   showEmpty(el("h2", {}, "No such search"), el("p", {}, words), el("p", {}, el("a", { href: "/" }, "All campaigns")));
 }
 
 /** @param {SearchDetail} search */
-function waits(search) {
+function showWaiting(search) {
   showEmpty(
     el("h2", {}, "Waiting for seeds"),
     el("p", {}, "Its seeds come from ", search.seeds && sourceLink(search, search.seeds), ", which has to finish first: they are chosen from all that it finds."),
@@ -115,14 +115,14 @@ async function redraw() {
   const hops = search.seeds ? 1 : search.hops;
   showProgress(search, all);
   grid.show(all, { isMapped: search.seeds !== null, hops }, caption);
-  const drawing = showThird(search, all, caption);
+  const drawing = showReachOrYield(search, all, caption);
   showRules(search);
   if (all.length === 0) {
     for (const figure of [violation, deltaV, time]) figure.empty("No solve yet. The first one appears here when its job is done.");
     return drawing;
   }
   await Promise.all([drawing, violation.draw(all, hops, caption), deltaV.draw(all, hops, caption), time.draw(all, caption)]);
-  for (const figure of [violation, deltaV, third]) figure?.linkMarks();
+  for (const figure of [violation, deltaV, reachOrYield]) figure?.linkMarks();
 }
 
 /**
@@ -144,21 +144,21 @@ function showProgress(search, all) {
  * @param {Solve[]} all
  * @param {string} caption
  */
-async function showThird(search, all, caption) {
+async function showReachOrYield(search, all, caption) {
   if (search.seeds) {
-    third ??= new YieldFigure(byId("reach"), "Yield by seed");
+    reachOrYield ??= new YieldFigure(byId("reach"), "Yield by seed");
     rows ??= new SeedTable(byId("rows"));
     const yields = yieldsOf(solves);
     const n = /** @type {SeedTable} */ (rows).show(yields);
     byId("rows-title").textContent = "Seeds";
     byId("rows-note").textContent = n < yields.length ? `the ${n} most productive of ${number(yields.length, 0)}` : "";
-    await /** @type {YieldFigure} */ (third).draw(yields, caption);
+    await /** @type {YieldFigure} */ (reachOrYield).draw(yields, caption);
   } else if (search.laws) {
-    third ??= new ReachFigure(byId("reach"), search.laws.adaptive ? "Step size" : "Reach of a hop");
+    reachOrYield ??= new ReachFigure(byId("reach"), search.laws.adaptive ? "Step size" : "Reach of a hop");
     rows ??= new ChainTable(byId("rows"));
     const [n, of] = /** @type {ChainTable} */ (rows).show(all);
     byId("rows-note").textContent = n < of ? `the best ${n} of ${number(of, 0)}` : "";
-    await /** @type {ReachFigure} */ (third).draw(all, search.laws, search.hops, caption);
+    await /** @type {ReachFigure} */ (reachOrYield).draw(all, search.laws, search.hops, caption);
   }
 }
 

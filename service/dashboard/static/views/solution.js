@@ -13,7 +13,7 @@ import { facts, Page, pathPart, showEmpty, showFacts, showTitle } from "../page.
 
 /**
  * @import { Child } from "../dom.js"
- * @import { EventView, RecordInFull } from "../../types"
+ * @import { CertificateDocument, EventView, LineageGraph, MissedThrustPage, RecordInFull } from "../../types"
  */
 
 /** How long a button confirms that it has copied [ms]. */
@@ -96,14 +96,17 @@ let flying = Promise.resolve();
  */
 async function refresh(events, isAll) {
   if (!record) {
+    /** @type {RecordInFull | null} */
     const found = await find(`/solutions/${id}`);
     if (!found) return showEmpty(...unknown());
-    const [known, analyses] = await Promise.all(["lineage", "missed-thrust"].map((what) => get(`/solutions/${id}/${what}`)));
+    /** @type {[LineageGraph, MissedThrustPage]} */
+    const [known, analyses] = await Promise.all([get(`/solutions/${id}/lineage`), get(`/solutions/${id}/missed-thrust`)]);
     record = found;
     showRecord();
     lineage.show(known);
     showReproduction(byId("reproduction"), record, known.command);
-    const certificate = record.certificate_hash && (await find(`/solutions/${id}/certificate`));
+    /** @type {CertificateDocument | null} */
+    const certificate = record.certificate_hash ? await find(`/solutions/${id}/certificate`) : null;
     showCertificate(byId("certificate"), certificate, id);
     outagesTaken.show(analyses.items[0]);
     performance.mark("solution-shown");

@@ -5,7 +5,7 @@ import { byId, el, fill } from "../dom.js";
 import { duration, NONE, number } from "../format.js";
 import { facts, Page, parameter, showEmpty, showTitle } from "../page.js";
 
-/** @import { FaultView, SpecCheck, SpecPlan } from "../../types" */
+/** @import { CampaignView, FaultView, SpecCheck, SpecPlan, SpecTemplates, SpecText } from "../../types" */
 
 /** As in style.css [px]. */
 const LINE = 20;
@@ -95,6 +95,7 @@ new Page({ events: null, refresh: start }).start();
 
 async function start() {
   showTitle("New campaign", [["Campaigns", "/"]]);
+  /** @type {SpecTemplates} */
   const { items } = await get("/specs/templates");
   for (const { name, toml } of items) texts.set(name, toml);
   const clone = parameter("clone");
@@ -110,6 +111,7 @@ async function start() {
 /** @param {string} clone */
 async function readClone(clone) {
   try {
+    /** @type {SpecText} */
     const { toml, name } = await get(`/campaigns/${encodeURIComponent(clone)}/spec`);
     texts.set(OWN, `# A copy of campaign ${clone}, “${name}”. The same rng_seed draws the same guesses.\n${renamed(toml, name)}`);
     return true;
@@ -174,7 +176,8 @@ function later() {
 async function check() {
   const n = ++nCheck;
   try {
-    const found = /** @type {SpecCheck} */ (await post("/specs/check", { text: editor.text }));
+    /** @type {SpecCheck} */
+    const found = await post("/specs/check", { text: editor.text });
     // The answer may be about an older text.
     if (n === nCheck) showCheck(found);
   } catch (error) {
@@ -243,6 +246,7 @@ async function submit(event) {
   if (fields === null) return;
   byId("submit").toggleAttribute("disabled", true);
   try {
+    /** @type {CampaignView} */
     const { id } = await post("/campaigns", fields, { "Idempotency-Key": key });
     window.location.assign(`/campaigns/${id}`);
   } catch (error) {

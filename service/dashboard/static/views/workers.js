@@ -11,7 +11,7 @@ import { Table } from "../table.js";
 
 /**
  * @import { State } from "../job_table.js"
- * @import { QueueItem, QueueView, SessionView, WorkerView } from "../../types"
+ * @import { QueueItem, QueueView, SessionView, WorkerPage, WorkerView } from "../../types"
  */
 
 const GIB = 2 ** 30;
@@ -109,11 +109,12 @@ const queueTable = /** @type {Table<QueueItem>} */ (
 gone.addEventListener("change", showWorkers);
 chosen.addEventListener("change", () => choose({ campaign: chosen.value || null }));
 window.addEventListener("popstate", () => page.reload());
-window.setInterval(() => document.hidden || page.take(null), LOOK_MS);
+window.setInterval(() => document.hidden || page.receive(null), LOOK_MS);
 page.start();
 
 async function refresh() {
   who ??= await session();
+  /** @type {[WorkerPage, QueueView]} */
   const [found, waiting] = await Promise.all([get("/workers"), get("/queue")]);
   [workers, queue] = [found.items, waiting];
   const now = Date.parse(waiting.at);
@@ -177,11 +178,11 @@ function showWorkers() {
   byId("workers").hidden = alive.length === 0 && !gone.checked;
   byId("workers-card").hidden = workers.length === 0;
   byId("no-worker").hidden = alive.length > 0;
-  if (alive.length === 0) fill(byId("no-worker"), ...invitation());
+  if (alive.length === 0) fill(byId("no-worker"), ...connectionHelp());
 }
 
 /** Return how to connect a worker, with a token where one is needed. */
-function invitation() {
+function connectionHelp() {
   const waits = queue?.jobs.queued ?? 0;
   const command = `coastarc dispatch --url ${window.location.origin} --workers 2`;
   const needsToken = who !== null && who.name !== "loopback";
