@@ -9,25 +9,17 @@ from fastapi.middleware.gzip import GZipMiddleware
 from starlette.routing import BaseRoute
 
 from service.api import (
-    archive,
-    attempts,
     campaigns,
     events,
-    flights,
     health,
-    history,
+    identity,
     jobs,
     metrics,
-    missed_thrust,
     pages,
-    portable,
     problems,
     searches,
-    seeds,
-    session,
     solutions,
     specs,
-    tokens,
 )
 from service.api.document import finish_document
 from service.auth.guard import Guard, Streams
@@ -39,23 +31,16 @@ from service.store import Store
 
 ROUTERS = (
     campaigns.router,
-    portable.router,
-    history.router,
     specs.router,
     metrics.router,
-    # Before the solutions, one of which "points" would else be.
-    archive.router,
     solutions.router,
-    flights.router,
-    missed_thrust.router,
     problems.router,
     searches.router,
     jobs.router,
-    attempts.router,
     events.router,
-    seeds.router,
-    session.router,
-    tokens.router,
+    searches.seeds_router,
+    identity.router,
+    identity.tokens_router,
 )
 
 
@@ -102,5 +87,5 @@ def _routes() -> list[BaseRoute]:
     every.include_router(health.router)
     every.include_router(health.router, prefix="/api/v1", include_in_schema=False)
     every.include_router(pages.router)
-    every.include_router(session.pages)
+    every.include_router(identity.pages)
     return every.routes

@@ -1,21 +1,24 @@
-"""Campaigns: submit one, see how far one is, and steer it.
+"""Campaigns: submitted, watched and steered, exported and imported."""
 
-A campaign is active, paused, done or cancelled; a search may also wait for seeds.  Pausing lets running jobs
-finish; cancelling has them stopped, and is for good.  Asking for what is so already changes nothing, what
-cannot be from the present state is refused with 409.
-"""
+import tempfile
+from collections.abc import AsyncIterator
+from typing import Annotated, Any, BinaryIO
 
-from typing import Annotated, Any
-
-from fastapi import APIRouter, BackgroundTasks, Body, Header, Path, Request, Response
+from fastapi import APIRouter, BackgroundTasks, Body, Depends, Header, Path, Request, Response
+from fastapi.responses import StreamingResponse
+from starlette.background import BackgroundTask
 
 from service.api.context import HeavyHere, Id, StoreHere
 from service.api.jobs import CONFLICT
-from service.schemas.campaign import CampaignView
+from service.auth.network import MAX_PORTABLE_BYTES
+from service.auth.request_limits import save_body
+from service.schemas.campaign import CampaignCards, CampaignView, HistoryView, TakenInView
 from service.schemas.search import PriorityWanted, WeightWanted
+from service.solutions.export import ZIP
 from service.spec import spec_from
 from service.spec.spec import require_flyable
 from service.store import Store
+from service.store.archive_files import file_name, packed, pieces, take_in_file
 
 router = APIRouter(tags=["campaigns"])
 
@@ -147,3 +150,61 @@ def set_search_priority(
     """Let a search go before others or after them; lower goes first, -k is usual for S(k|k')."""
     store.set_search(campaign_id, name, priority=wanted.priority)
     return store.campaign(campaign_id)
+
+
+#: How the OpenAPI document describes the file.
+PORTABLE = {"schema": {"type": "string", "format": "binary"}, "example": "PK..."}
+BODY: dict[str, Any] = {"requestBody": {"required": True, "content": {ZIP: PORTABLE}}}
+
+
+@router.get(
+    "/campaigns/{campaign_id}/export",
+    response_class=StreamingResponse,
+    responses={200: {"content": {ZIP: PORTABLE}}, **CONFLICT},
+)
+def export_campaign(campaign_id: Id, store: StoreHere) -> StreamingResponse:
+    """Return a campaign that is paused or has ended, and those that seed it, as one portable file."""
+    name = file_name(store.campaign(campaign_id).name)
+    draft = packed(store, campaign_id, store.folder)
+    headers = {"Content-Disposition": f'attachment; filename="{name}"'}
+    return StreamingResponse(
+        pieces(draft), media_type=ZIP, headers=headers, background=BackgroundTask(draft.close)
+    )
+
+
+async def _sent(request: Request, store: StoreHere) -> AsyncIterator[BinaryIO]:
+    """Give the body as a file beside the archive, which has no name there and is gone with the request."""
+    with tempfile.TemporaryFile(dir=store.folder) as draft:
+        await save_body(request.receive, MAX_PORTABLE_BYTES, draft)
+        yield draft
+
+
+@router.post(
+    "/campaigns/import",
+    status_code=201,
+    responses={200: {"model": TakenInView}, **CONFLICT},
+    openapi_extra=BODY,
+)
+def import_campaign(
+    file: Annotated[BinaryIO, Depends(_sent)], store: StoreHere, response: Response
+) -> TakenInView:
+    """Take in the campaign of a portable file, all of it or nothing; what is there already stays (200)."""
+    taken = take_in_file(store, file, "that was sent")
+    response.status_code = 201 if taken.new_campaigns else 200
+    response.headers["location"] = f"/api/v1/campaigns/{taken.campaign_id}"
+    return TakenInView(**taken._asdict())
+
+
+@router.get("/campaigns")
+def list_campaigns(store: StoreHere) -> CampaignCards:
+    """Return the campaigns, the newest first, each with how far it is and what it has found."""
+    return CampaignCards(items=store.campaign_cards())
+
+
+@router.get("/campaigns/{campaign_id}/history")
+def get_history(campaign_id: Id, store: StoreHere) -> HistoryView:
+    """Return improvements, outcomes over time, seeds and delta-v of a campaign, finished or not.
+
+    `n_read` is smaller than `n_solves` for a few requests after a start, while a large archive is read.
+    """
+    return store.campaign_history(campaign_id)

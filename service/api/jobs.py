@@ -1,18 +1,24 @@
-"""Jobs: how they stand, what workers do with them, and what operators may do to them.
+"""Jobs: how they stand, what workers do with them, what operators may do to them, attempts and the queue."""
 
-A job goes from queued to running to done; back to queued when its worker is lost or crashes; from running to
-dead after too many failures or a bug; to cancelled when asked; and from dead or cancelled to queued by
-`requeue`.  All other changes are refused with 409.
-"""
-
+from datetime import UTC, datetime
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Body
+from fastapi import APIRouter, Body, HTTPException, Query
 
 from service.api.context import After, CampaignWanted, Id, IdentityHere, Limit, SearchWanted, StoreHere
 from service.schemas.answer import Fault
-from service.schemas.job import JobPage, JobState, JobView, WorkerPage
+from service.schemas.job import (
+    AttemptPage,
+    AttemptsOfJob,
+    JobPage,
+    JobState,
+    JobView,
+    QueueView,
+    Requeued,
+    WorkerPage,
+)
 from service.store.completion import Report
+from service.store.jobs import MOST
 from workers.executor import Ticket
 from workers.messages import (
     ClaimAnswer,
@@ -188,3 +194,48 @@ def requeue_job(job_id: Id, store: StoreHere) -> JobView:
 def list_workers(store: StoreHere) -> WorkerPage:
     """Return the workers that have registered, those seen last first, with the jobs that they hold."""
     return store.workers()
+
+
+Moment = Annotated[datetime | None, Query(description="UTC unless it names its offset")]
+
+
+@router.get("/attempts")
+def list_attempts(
+    store: StoreHere,
+    since: Moment = None,
+    until: Moment = None,
+    limit: Annotated[int, Query(ge=1, le=MOST)] = MOST,
+) -> AttemptPage:
+    """Return the attempts that were going on between two moments, by default in the last quarter of an hour.
+
+    If there are more than `limit`, those that run are all there and others are drawn evenly, the same ones
+    each time; `n_all` says of how many.
+    """
+    begin, end = _seconds(since), _seconds(until)
+    if begin is not None and end is not None and begin > end:
+        raise HTTPException(422, detail=f"since: expected a moment before until, got {since}")
+    return store.activity.attempts(begin, end, limit)
+
+
+@router.get("/jobs/{job_id}/attempts")
+def list_attempts_of_job(job_id: Id, store: StoreHere) -> AttemptsOfJob:
+    """Return the latest attempts at a job, with tracebacks in full."""
+    return store.activity.attempts_of_job(job_id)
+
+
+@router.get("/queue")
+def get_queue(store: StoreHere) -> QueueView:
+    """Return how many jobs wait, run and were given up, by campaign, and how long one has waited."""
+    return store.activity.queue()
+
+
+@router.post("/campaigns/{campaign_id}/requeue")
+def requeue_dead(campaign_id: Id, store: StoreHere) -> Requeued:
+    """Give all dead jobs of a campaign another attempt, their failures forgotten; tell how many those are."""
+    return Requeued(n_jobs=store.revive(campaign_id))
+
+
+def _seconds(moment: datetime | None) -> float | None:
+    if moment is None:
+        return None
+    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()

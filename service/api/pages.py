@@ -11,8 +11,7 @@ from fastapi.responses import HTMLResponse
 
 from service.api.context import IdentityHere
 from service.dashboard import assets
-from service.dashboard.render import page
-from service.dashboard.views import SECTIONS, VIEWS, View
+from service.dashboard.assets import SECTIONS, VIEWS, View, page
 
 #: The name of an asset changes with its content, so a browser never has to ask again.
 ASSET_HEADERS = {"Cache-Control": "public, max-age=31536000, immutable", "Vary": "Accept-Encoding"}

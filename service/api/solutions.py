@@ -1,17 +1,130 @@
-"""Solutions: lists and records; what one of them looks like is in `service.api.flights`."""
+"""Solutions: lists, points and clusters; one in full: flown, exported, its lineage, its outages."""
 
+import csv
+import io
+import json
+import time
+from collections.abc import Iterable, Iterator
+from functools import lru_cache
+from itertools import chain, islice
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, HTTPException, Query
+import numpy as np
+from fastapi import APIRouter, Depends, HTTPException, Query
 from fastapi.responses import StreamingResponse
 
-from service.api.context import Hash, Limit, StoreHere
-from service.api.export import CSV, NDJSON, begun, csv_lines, ndjson_lines
-from service.api.solution_filter import FilterWanted
-from service.schemas.solution import RecordInFull, RecordPage
-from service.store.filters import Begin, Order, Sort
+from core.analysis.flight import Flight, fly
+from core.analysis.similarity import DISTINCT
+from core.problem import problem_from
+from service.api.context import CampaignWanted, Hash, Limit, StoreHere
+from service.api.vector_files import vector_lines
+from service.dashboard.pictures import MOST_SAMPLES, flight_as_json
+from service.schemas.solution import (
+    ChoicesView,
+    ClusterPage,
+    LineageGraph,
+    MissedThrustPage,
+    PointsView,
+    Record,
+    RecordInFull,
+    RecordPage,
+    RecordWithVector,
+    Reproduction,
+)
+from service.solutions import export as solution_export
+from service.solutions.export import ALL, MEDIA, ZIP, ExportFormat, Wanted
+from service.solutions.missed_thrust import views_of
+from service.store import Store, UnknownRow
+from service.store.filters import Begin, Filter, Order, Sort
+from workers.certify import CertificateDocument
+
+
+def _filter(wanted: Annotated[Filter, Query()]) -> Filter:
+    # Of its own, since parameters are taken from the fields of a model where it is the only one.
+    return wanted
+
+
+FilterWanted = Annotated[Filter, Depends(_filter)]
+
 
 router = APIRouter(tags=["solutions"])
+
+#: Points that a page can draw.
+MOST_POINTS = 5000
+
+
+@router.get("/solutions/points")
+def list_points(
+    store: StoreHere,
+    wanted: FilterWanted,
+    most: Annotated[int, Query(ge=100, le=MOST_POINTS, description="Points at most")] = MOST_POINTS,
+) -> PointsView:
+    """Return solutions as points; of too many a sample, with the extremes and the front among it."""
+    return store.points(wanted, most)
+
+
+@router.get("/solutions/clusters")
+def list_clusters(
+    store: StoreHere,
+    wanted: FilterWanted,
+    threshold: Annotated[
+        float, Query(ge=0, le=10, allow_inf_nan=False, description="Greatest distance in a cluster [-]")
+    ] = DISTINCT,
+    limit: Annotated[int, Query(ge=1, le=200)] = 50,
+) -> ClusterPage:
+    """Return which solutions are alike, among the 2,000 with the least delta-v."""
+    return store.clusters(wanted, threshold, limit)
+
+
+@router.get("/solutions/choices")
+def list_choices(store: StoreHere, campaign: CampaignWanted = None) -> ChoicesView:
+    """Return the campaigns, and the searches, strategies and outages that a filter can name."""
+    return store.choices(campaign)
+
+
+CSV = "text/csv"
+NDJSON = "application/x-ndjson"
+
+#: What has no place in a cell.
+_NESTED = {"defects_solved", "defects_verified", "package_versions", "kernel_hashes"}
+#: What a spreadsheet takes for the beginning of a formula.
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+COLUMNS = tuple(name for name in Record.model_fields if name not in _NESTED)
+
+
+def csv_lines(pages: Iterable[list[RecordWithVector]]) -> Iterator[str]:
+    """Yield the title line, then each page; outages are written 24:1.0 40:1.0, segment and days."""
+    yield _table([COLUMNS])
+    for page in pages:
+        yield _table([_cell(getattr(record, name)) for name in COLUMNS] for record in page)
+
+
+def ndjson_lines(pages: Iterable[list[RecordWithVector]]) -> Iterator[str]:
+    """Yield each page, one record a line."""
+    for page in pages:
+        yield "".join(record.model_dump_json() + "\n" for record in page)
+
+
+def begun(pieces: Iterator[str]) -> Iterator[str]:
+    """Return the same pieces, the first of which is there: what fails before it can still be refused."""
+    return chain(list(islice(pieces, 2)), pieces)
+
+
+def _table(rows: Iterable[Iterable[Any]]) -> str:
+    written = io.StringIO()
+    # Lines end as RFC 4180 has it: with "\n" alone, a "\r" within a cell would be left unquoted.
+    csv.writer(written, lineterminator="\r\n").writerows(rows)
+    return written.getvalue()
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, list):
+        return " ".join(f"{outage.segment}:{outage.duration_days}" for outage in value)
+    if isinstance(value, str) and value.startswith(_FORMULA):
+        # Names are harmless; what a worker says about itself may be anything.
+        return f"'{value}"
+    return value.isoformat() if hasattr(value, "isoformat") else value
+
 
 #: Solutions on a page unless asked for otherwise.
 PAGE = 50
@@ -67,3 +180,130 @@ def list_solutions(
 def get_solution(solution_id: Hash, store: StoreHere) -> RecordInFull:
     """Return a solution with its decision vector."""
     return store.record(solution_id)
+
+
+#: Children of a solution that are listed unless asked for otherwise.
+MOST_CHILDREN = 50
+_TEXT, _BYTES = {"type": "string"}, {"type": "string", "format": "binary"}
+#: What an export comes as, with its beginning.
+EXPORTS: dict[str, Any] = {
+    MEDIA[ExportFormat.SPK]: {"schema": _BYTES, "example": "DAF/SPK ..."},
+    MEDIA[ExportFormat.OEM].split(";")[0]: {"schema": _TEXT, "example": "CCSDS_OEM_VERS = 2.0\n..."},
+    ZIP: {"schema": _BYTES, "example": "PK..."},
+    MEDIA[ExportFormat.CSV]: {"schema": _TEXT, "example": "# states and controls of solution 63dd0ec3...\n"},
+    MEDIA[ExportFormat.NDJSON]: {"schema": _TEXT, "example": '{"trajectory": "reference", ...}\n'},
+}
+
+
+@router.get("/solutions/{solution_id}/trajectory")
+def get_trajectory(
+    solution_id: Hash,
+    store: StoreHere,
+    samples: Annotated[
+        int,
+        Query(
+            ge=100,
+            le=MOST_SAMPLES,
+            description="Of all trajectories, about; those of a longer one are thinned",
+        ),
+    ] = MOST_SAMPLES,
+    tracks: Annotated[
+        Literal["all", "inertial"], Query(description="Positions in all frames, or in the inertial one alone")
+    ] = "all",
+) -> dict[str, Any]:
+    """Return the solution flown: samples per trajectory [km, kg, days past departure], the Moon, the target.
+
+    Those of a longer solution are thinned, arc by arc, and `n_samples` says how many there were.
+    """
+    definition, x = store.definition_and_vector(solution_id)
+    return _pictured(json.dumps(definition), x.tobytes(), samples, tracks == "all")
+
+
+@router.get("/solutions/{solution_id}/lineage")
+def get_lineage(solution_id: Hash, store: StoreHere, children: Limit = MOST_CHILDREN) -> LineageGraph:
+    """Return the seeds behind a solution, the best `children` that it seeded, and how to reproduce it."""
+    return store.lineage(solution_id, children)
+
+
+@router.get("/solutions/{solution_id}/reproduction")
+def get_reproduction(solution_id: Hash, store: StoreHere) -> Reproduction:
+    """Return the job that found a solution, as `coastarc solutions reproduce` runs it again."""
+    return store.reproduction(solution_id)
+
+
+@router.get("/solutions/{solution_id}/certificate")
+def get_certificate(solution_id: Hash, store: StoreHere) -> CertificateDocument:
+    """Return the certificate of a solution that was found last; 404 where nobody has verified it."""
+    found = store.certificates.latest(solution_id)
+    if found is None:
+        advice = f"none; make it with `coastarc solutions verify {solution_id[:8]}`"
+        raise UnknownRow("certificate of solution", solution_id, advice)
+    return found
+
+
+@router.get(
+    "/solutions/{solution_id}/export",
+    response_class=StreamingResponse,
+    responses={200: {"content": EXPORTS}},
+)
+def export_solution(
+    solution_id: Hash,
+    store: StoreHere,
+    format: ExportFormat = ExportFormat.CSV,
+    trajectory: Annotated[
+        str,
+        Query(
+            pattern="^(all|reference|[1-9][0-9]{0,3})$",
+            description="All, the reference, or the number of a realization",
+        ),
+    ] = ALL,
+    what: Annotated[
+        Literal["states", "vector"], Query(description="Samples in time, or (CSV alone) the decision vector")
+    ] = "states",
+) -> StreamingResponse:
+    """Return states and controls of the reference and all realizations, or the decision vector with bounds.
+
+    As SPICE kernel (`spk`), CCSDS message (`oem`; one for each trajectory, so all are a ZIP), CSV or NDJSON.
+    """
+    if what == "vector":
+        return _vector(solution_id, store, format)
+    record = store.record(solution_id)
+    definition, _ = store.definition_and_vector(solution_id)
+    created = time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime())
+    made = solution_export.export_solution(record, definition, Wanted(format, trajectory), created)
+    return _download(made.content, made.media_type, made.name)
+
+
+def _vector(solution_id: str, store: Store, format: ExportFormat) -> StreamingResponse:
+    if format is not ExportFormat.CSV:
+        raise HTTPException(422, f"format: expected csv for the decision vector, got {format}")
+    definition, x = store.definition_and_vector(solution_id)
+    lines = vector_lines(solution_id, problem_from(definition), x)
+    return _download(lines, CSV, f"coastarc-{solution_id[:8]}-vector.csv")
+
+
+def _download(content: Iterable[str] | Iterable[bytes], media_type: str, name: str) -> StreamingResponse:
+    headers = {"Content-Disposition": f'attachment; filename="{name}"'}
+    return StreamingResponse(content, media_type=media_type, headers=headers)
+
+
+@lru_cache(maxsize=16)
+def _flown(definition: str, vector: bytes) -> Flight:
+    # Flying takes a second and a page asks for the same solution again and again.
+    return fly(problem_from(json.loads(definition)), np.frombuffer(vector, dtype=np.float64))
+
+
+@lru_cache(maxsize=64)
+def _pictured(definition: str, vector: bytes, samples: int, has_frames: bool) -> dict[str, Any]:
+    return flight_as_json(_flown(definition, vector), samples, has_frames)
+
+
+@router.get("/solutions/{solution_id}/missed-thrust")
+def list_missed_thrust(
+    solution_id: Hash,
+    store: StoreHere,
+    campaign: CampaignWanted = None,
+    limit: Annotated[int, Query(ge=1, le=10)] = 1,
+) -> MissedThrustPage:
+    """Return the newest missed-thrust analyses of a solution, or that of one campaign, finished or not."""
+    return MissedThrustPage(items=views_of(store, solution_id, campaign, limit))

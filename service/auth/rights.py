@@ -13,7 +13,7 @@ from fastapi.routing import iter_route_contexts
 from starlette.routing import compile_path
 from starlette.types import Scope
 
-from service.dashboard.views import VIEWS
+from service.dashboard.assets import VIEWS
 from service.schemas.identity import Role
 
 ANYONE = None

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from core.problem import Problem
 from core.transcription import layout_of
-from service.api.solution_files import vector_lines
+from service.api.vector_files import vector_lines
 from service.benchmark.benchmark_set import BenchmarkError, read_text
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ from core.constants import KERNEL_MD5
 from core.export import csv_lines, export_states
 from core.orbits import target_kernel
 from core.problem import problem_from
-from service.api.solution_files import vector_lines
+from service.api.vector_files import vector_lines
 from service.benchmark.benchmark_set import (
     CERTIFICATE_FILE,
     CONSTANTS,

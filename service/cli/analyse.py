@@ -16,11 +16,11 @@ from service.cli.run import LOG_PERIOD_S, announce, crew_of, run_to_end
 from service.client import Client
 from service.coordinator import Coordinator, Crew
 from service.db.transitions import ENDED
-from service.missed_thrust.analysis_spec import USUAL_DURATIONS, analysis_spec, grid_of
-from service.missed_thrust.views import views_of
 from service.new_file import require_folder
 from service.schemas.solution import MissedThrustView, Record
+from service.solutions.missed_thrust import views_of
 from service.spec import spec_from
+from service.spec.missed_thrust import USUAL_DURATIONS, analysis_spec, grid_of
 from service.store import Store, StoreError
 from workers.dispatch import ExecutorKind
 

@@ -1,4 +1,9 @@
-"""A coordinator: archive, web server, what runs beside them, and the dispatcher that it keeps as a child."""
+"""A coordinator: archive, web server, what runs beside them, and the dispatcher that it keeps as a child.
+
+Plans after a start what the coordinator before this one had not planned of large campaigns.
+
+Reads the solves that pages tell of after a start, so that no page has to wait for them.
+"""
 
 import hashlib
 import logging
@@ -22,9 +27,7 @@ from core.errors import UserError
 from service.app import create_app
 from service.auth.network import Access, access_on
 from service.coordinator.connections import PatientProtocol, most_connections
-from service.coordinator.history_reader import read_history
 from service.coordinator.lock import FolderLock, openness
-from service.coordinator.planning import finish_planning
 from service.coordinator.reaper import Reaper
 from service.coordinator.supervisor import LEAVE_S, Supervisor
 from service.db.engine import Unavailable, WriteFault, unusable
@@ -36,6 +39,50 @@ from workers.client import Outage
 from workers.dispatch import RUNNER, DispatchOrder, ExecutorKind
 
 log = logging.getLogger(__name__)
+
+#: How long it waits while the archive cannot be used [s].
+OUTAGE_PAUSE_S = 5.0
+
+
+def finish_planning(store: Store, stop: threading.Event) -> None:
+    """Plan the rest of every campaign, or until told to stop."""
+    while not stop.is_set():
+        try:
+            for campaign_id in store.unplanned():
+                log.warning("campaign %d: planning goes on that an end of the process cut off", campaign_id)
+                store.plan_rest(campaign_id, stop.is_set)
+            return
+        except Unavailable as error:
+            store.outage.tell(error)
+            stop.wait(OUTAGE_PAUSE_S)
+        except Exception:
+            # The same submission again has its planning done as well, and is told what is wrong.
+            log.exception("planning the rest of campaigns failed")
+            return
+
+
+#: Between two pieces the requests of pages and workers have their turn [s].
+PAUSE_S = 0.02
+
+
+def read_history(store: Store, stop: threading.Event) -> None:
+    """Read to the end of the archive, or until told to stop; afterwards pages read what is new."""
+    try:
+        while _read(store, stop):
+            pass
+    except Exception:
+        # A page that asks reads on from there, and is told what is wrong.
+        log.exception("reading the archive ahead failed")
+
+
+def _read(store: Store, stop: threading.Event) -> bool:
+    """Read a piece and wait; return whether there may be more to read."""
+    try:
+        return store.read_history() and not stop.wait(PAUSE_S)
+    except Unavailable as error:
+        store.outage.tell(error)
+        return not stop.wait(OUTAGE_PAUSE_S)
+
 
 #: How long the web server may take to start or to stop [s].
 SERVER_PATIENCE_S = 10.0

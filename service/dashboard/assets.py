@@ -2,6 +2,12 @@
 
 The folder `static` is served under /static/<digest>/, so that modules import each other by relative path;
 plotly.js comes from the installed `plotly` package as /static/plotly-<digest>.min.js.
+
+Templates as pages.
+
+The pages of the dashboard: address, name and title of each.
+
+The name is that of its template below `templates/views` and of its module below `static/views`.
 """
 
 import gzip
@@ -13,6 +19,11 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from importlib.resources.abc import Traversable
+from typing import NamedTuple
+
+from jinja2 import Environment, PackageLoader, select_autoescape
+
+from service.dashboard import assets
 
 _IMPORT = re.compile(r'^import\b[^;]*?from "(\.[^"]+)"', re.MULTILINE)
 MEDIA_TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
@@ -97,3 +108,49 @@ def _asset(name: str, content: bytes) -> Asset:
 
 def _digest(content: bytes) -> str:
     return hashlib.blake2b(content, digest_size=8).hexdigest()
+
+
+_templates = Environment(
+    loader=PackageLoader("service.dashboard"),
+    autoescape=select_autoescape(),
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+
+
+def page(template: str, **values: object) -> str:
+    """Return a page; the names of its static files change with their content."""
+    return _templates.get_template(template).render(
+        static=f"/static/{assets.static_digest()}", plotly=f"/static/{assets.plotly_name()}", **values
+    )
+
+
+class View(NamedTuple):
+    """A page with an address of its own."""
+
+    path: str
+    name: str
+    title: str
+    #: The place in the navigation that it belongs to.
+    section: str
+    #: Whether it draws with plotly.js, which it then asks for at once.
+    has_plots: bool = True
+
+
+VIEWS = (
+    View("/", "campaigns", "Campaigns", "campaigns", has_plots=False),
+    View("/campaigns/new", "submit", "New campaign", "campaigns", has_plots=False),
+    View("/campaigns/{campaign_id}", "campaign", "Campaign", "campaigns"),
+    View("/campaigns/{campaign_id}/searches/{search}", "search", "Search", "campaigns"),
+    View("/archive", "archive", "Archive", "archive"),
+    View("/compare", "compare", "Comparison", "archive"),
+    View("/solutions/{solution_id}", "solution", "Solution", "archive"),
+    View("/problems/{problem_hash}", "problem", "Problem", "archive"),
+    View("/workers", "workers", "Workers and jobs", "workers", has_plots=False),
+)
+#: What the navigation shows, in order.
+SECTIONS = (
+    ("campaigns", "/", "Campaigns"),
+    ("archive", "/archive", "Archive"),
+    ("workers", "/workers", "Workers"),
+)

@@ -29,7 +29,6 @@ from service.db.tables import (
     SolutionRow,
     SolveRow,
 )
-from service.missed_thrust.analysis_spec import analysis_name
 from service.schemas.problem import OutageView
 from service.schemas.solution import (
     Lineage,
@@ -40,6 +39,7 @@ from service.schemas.solution import (
     RecordPage,
     RecordWithVector,
 )
+from service.spec.missed_thrust import analysis_name
 from service.spec.search_spec import SearchSpec
 from service.store.cache import spec_of
 from service.store.errors import StoreError, UnknownRow

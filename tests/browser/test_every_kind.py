@@ -2,7 +2,7 @@
 
 import pytest
 
-from service.dashboard.views import VIEWS
+from service.dashboard.assets import VIEWS
 from tests.service.databases import rows
 from tests.service.kinds import every_kind
 

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from service.auth.network import Access
-from service.dashboard.views import VIEWS
+from service.dashboard.assets import VIEWS
 from service.schemas.identity import Role
 from tests.acceptance import known
 

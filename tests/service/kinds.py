@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from core.problem import load_problem, problem_from
-from service.missed_thrust.analysis_spec import analysis_spec, grid_of
 from service.new_file import write_new
 from service.solutions.refine import refinement_spec
 from service.spec import spec_from
+from service.spec.missed_thrust import analysis_spec, grid_of
 from service.store import Store
 from service.store.archive_files import packed, pieces, take_in_file
 from service.store.solutions import Filter

@@ -7,7 +7,7 @@ import pytest
 import typer.main
 
 from service.api.document import EXAMPLES
-from service.api.prometheus import _places, _work, _writes
+from service.api.health import _places, _work, _writes
 from service.app import create_app
 from service.auth.guard import MAX_CLIENTS
 from service.auth.network import (

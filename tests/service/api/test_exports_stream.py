@@ -8,7 +8,7 @@ import httpx
 import pytest
 
 from service.api import events
-from service.api.export import csv_lines
+from service.api.solutions import csv_lines
 from service.coordinator import Coordinator
 from service.store import Store
 from service.store.solutions import Filter

@@ -16,7 +16,7 @@ from schemathesis.specs.openapi import checks
 from service.app import create_app
 from service.auth.network import Access
 from service.auth.rights import lines_of
-from service.dashboard.views import VIEWS
+from service.dashboard.assets import VIEWS
 from service.schemas.identity import Role
 from service.settings import Settings
 from service.store import Store

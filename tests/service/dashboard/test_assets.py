@@ -10,7 +10,7 @@ from fastapi.testclient import TestClient
 from service.app import create_app
 from service.auth.network import Access
 from service.dashboard import assets
-from service.dashboard.views import VIEWS
+from service.dashboard.assets import VIEWS
 
 STATIC = Path(str(files("service.dashboard") / "static"))
 MODULES = sorted(path.relative_to(STATIC).as_posix() for path in STATIC.rglob("*.js"))

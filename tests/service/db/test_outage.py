@@ -13,7 +13,7 @@ from service.api.jobs import HAND_IN
 from service.app import create_app
 from service.auth.network import Access
 from service.coordinator import Coordinator, Crew, coordinator
-from service.coordinator.history_reader import read_history
+from service.coordinator.coordinator import read_history
 from service.db.engine import DatabaseError, Unavailable
 from service.db.place import database_url
 from service.scheduler.plan import LeaseSettings
@@ -184,7 +184,7 @@ def test_a_server_that_refuses_the_name_of_the_database_is_not_waited_for(
 
 
 def test_reading_ahead_goes_on_when_the_server_is_back(store, away, monkeypatch):
-    monkeypatch.setattr("service.coordinator.history_reader.OUTAGE_PAUSE_S", 0.1)
+    monkeypatch.setattr("service.coordinator.coordinator.OUTAGE_PAUSE_S", 0.1)
     away()
     reader = threading.Thread(target=read_history, args=(store, threading.Event()))
     reader.start()

@@ -10,9 +10,9 @@ from core.problem import load_problem, problem_from
 from core.verification.verify import verify
 from service import cli, logs
 from service.cli import run as cli_run
-from service.missed_thrust.analysis_spec import GridError, analysis_spec, grid_of
-from service.missed_thrust.views import views_of
+from service.solutions.missed_thrust import views_of
 from service.spec import SpecError, spec_from
+from service.spec.missed_thrust import GridError, analysis_spec, grid_of
 from service.spec.spec_check import planned
 from service.store import Store
 from service.store.filters import Filter

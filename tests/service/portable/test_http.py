@@ -6,7 +6,7 @@ import anyio
 import pytest
 from fastapi.testclient import TestClient
 
-from service.api import portable
+from service.api import campaigns
 from service.app import create_app
 from service.auth import network, request_limits
 from service.auth.request_limits import save_body
@@ -83,7 +83,7 @@ def test_the_same_campaign_with_other_work_stands_against_it(files, client, stor
 
 @pytest.mark.parametrize("is_declared", [True, False])
 def test_a_file_that_is_too_large_is_refused(client, store, monkeypatch, is_declared):
-    monkeypatch.setattr(network if is_declared else portable, "MAX_PORTABLE_BYTES", 1000)
+    monkeypatch.setattr(network if is_declared else campaigns, "MAX_PORTABLE_BYTES", 1000)
     kept = names(store.folder)
     answer = send(client, 600 * b"ab" if is_declared else iter([600 * b"a", 600 * b"b"]))
     assert answer.status_code == 413 and "body: expected at most 1000 bytes, got" in answer.json()["detail"]

@@ -5,7 +5,7 @@ import threading
 import numpy as np
 import pytest
 
-from service.coordinator.history_reader import read_history
+from service.coordinator.coordinator import read_history
 from service.spec import spec_from
 from service.store import Store, campaign_history
 from service.store.campaign_history import MOST_BINS, OutcomeBins, Step

@@ -6,7 +6,7 @@ import pytest
 from sqlalchemy import select
 
 from core.problem import definitions_of, hashes_of, load_problem
-from service.coordinator.planning import finish_planning
+from service.coordinator.coordinator import finish_planning
 from service.db.engine import Moment
 from service.db.tables import CaseRow, JobRow, ProblemRow, SearchRow
 from service.spec import spec_from

@@ -1,18 +1,24 @@
-"""Signing in: a token traded for a cookie, since a browser's event stream can send no header.
-
-The cookie holds a session of its own, never the token; scripts cannot read it, other sites cannot send it.
-"""
+"""Signing in with a token for a cookie, and for administrators tokens and the audit."""
 
 import re
 from typing import Annotated
 from urllib.parse import parse_qs
 
-from fastapi import APIRouter, Depends, Query, Request, Response
+from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
 
-from service.api.context import AccessHere, IdentityHere, StoreHere
-from service.dashboard.render import page
-from service.schemas.identity import SessionView, SignIn
+from service.api.context import AccessHere, IdentityHere, Limit, StoreHere
+from service.api.jobs import CONFLICT
+from service.dashboard.assets import page
+from service.schemas.identity import (
+    AuditPage,
+    NewToken,
+    SessionView,
+    SignIn,
+    TokenPage,
+    TokenRequest,
+    TokenView,
+)
 from service.store import Store
 from service.store.identity import COOKIE, RefusedToken
 
@@ -106,3 +112,33 @@ def _page(target: str, complaint: str, status: int) -> Response:
 
 def _own(target: str) -> str:
     return target if _OWN_PATH.fullmatch(target) else "/"
+
+
+tokens_router = APIRouter(tags=["tokens"])
+
+NameOrId = Annotated[str, Path(min_length=1, max_length=64, description="Name or id of a token")]
+Before = Annotated[int | None, Query(ge=1, lt=2**63, description="`next` of the page before")]
+
+
+@tokens_router.get("/tokens")
+def list_tokens(store: StoreHere) -> TokenPage:
+    """Return all tokens without their secrets, the newest first."""
+    return TokenPage(items=store.identities.tokens())
+
+
+@tokens_router.post("/tokens", status_code=201, responses=CONFLICT)
+def create_token(wanted: TokenRequest, store: StoreHere) -> NewToken:
+    """Make a token; this answer is the only one that shows it."""
+    return store.identities.create(wanted.name, wanted.role, wanted.days)
+
+
+@tokens_router.delete("/tokens/{name_or_id}")
+def revoke_token(name_or_id: NameOrId, store: StoreHere) -> TokenView:
+    """End a token and the sessions that were opened with it, at once."""
+    return store.identities.revoke(name_or_id)
+
+
+@tokens_router.get("/audit")
+def list_audit(store: StoreHere, limit: Limit = 50, before: Before = None) -> AuditPage:
+    """Return who changed something or was refused to, the newest first."""
+    return store.identities.audit(limit, before)
