@@ -104,7 +104,7 @@ class SolvedLink:
         return self.measurement.propellant_kg - self.link.seed.propellant_kg
 
 
-def warm_up(executor: Executor, plan: ChainPlan) -> None:
+def warm_up_links(executor: Executor, plan: ChainPlan) -> None:
     """Let every process compile and load what each mapping needs, before anything is timed."""
     case, seed = plan.cases[0], plan.seeds[0]
     assert case.k_from == 0  # Cases that need no other come first.
@@ -159,10 +159,10 @@ def _fed(
         ]
         found.sort(key=lambda one: plan.mappings.index(one.link.mapping))
         if found:
-            yield solution_of(plan, found[0]), feeder
+            yield solution_of_link(plan, found[0]), feeder
 
 
-def solution_of(plan: ChainPlan, one: SolvedLink) -> Solution:
+def solution_of_link(plan: ChainPlan, one: SolvedLink) -> Solution:
     """Return a strict solution under the number of the seed of P_0 that it descends from."""
     assert one.x is not None and one.measurement.propellant_kg is not None
     problem, found = plan.problem(one.link.case), one.measurement

@@ -1,8 +1,11 @@
 """The command `coastarc`: one line per error, exit code 2, never a traceback for what a user did.
 
 A command is imported when it is typed: all of them take seconds, many of them much less.
+
+What a user typed wrongly, as one line like every other error.
 """
 
+import re
 import signal
 import sys
 from collections.abc import Container
@@ -10,11 +13,59 @@ from importlib import import_module
 from typing import Annotated, Any
 
 import typer
+from rich.console import Console
+from rich.text import Text
+from typer import TyperException
 
 from core.cache import cache_note
 from core.errors import UserError
-from service.cli.faults import complain, fault_line, warn
 from workers.provenance import code_version
+
+errors = Console(stderr=True)
+
+#: What the parser says, and how we say it.
+_SAYINGS = (
+    (
+        r"Invalid value for '([^']+)': Value error, (.+) is not one of (.+?)\.?",
+        r"\1: expected one of \3, got \2",
+    ),
+    (r"Invalid value for '([^']+)': Input should be (.+?)(?:, unable to .*)?", r"\1: expected \2"),
+    (r"Invalid value for '([^']+)': (.+)", r"\1: \2"),
+    (r"Missing (?:option|argument) '([^']+)'.*", r"\1: expected a value, got none"),
+    (
+        r"No such (command|option):? ('?.+?'?)\.? Did you mean (.*)\?",
+        r"\1: expected one that exists, got \2; did you mean \3",
+    ),
+    (r"No such command ('.*?')\.?(.*)", r"command: expected one that exists, got \1\2"),
+    (r"No such option: (\S+)(.*)", r"option: expected one that exists, got \1\2"),
+    (r"Got unexpected extra argument(?:s|\(s\))? \((.*)\)", r"arguments: expected no more, got \1"),
+)
+
+
+def complain(message: str) -> None:
+    """Print an error in one line."""
+    # As text: what users typed may look like markup.
+    errors.print(Text.assemble(("error: ", "red"), message), soft_wrap=True)
+
+
+def warn(message: str) -> None:
+    """Print in one line what is not as it should be, and stops nothing."""
+    errors.print(Text.assemble(("warning: ", "yellow"), message), soft_wrap=True)
+
+
+def fault_line(error: TyperException) -> str:
+    """Return what is wrong with a command in one line; nothing where the help was the answer."""
+    if type(error).__name__ == "NoArgsIsHelpError":
+        return ""
+    text = " ".join(error.format_message().split())
+    for pattern, form in _SAYINGS:
+        match = re.fullmatch(pattern, text)
+        if match:
+            text = match.expand(form).strip()
+            break
+    context = getattr(error, "ctx", None)
+    return f"{text}; see `{context.command_path} --help`" if context else text
+
 
 #: Commands and groups in the order in which a newcomer needs them: where each is, and what it is for.
 COMMANDS = {
@@ -26,35 +77,35 @@ COMMANDS = {
         "service.cli.run:serve",
         "Serve the page and the API, and work on every campaign that is submitted, until interrupted.",
     ),
-    "submit": ("service.cli.submit:submit", "Submit a campaign to a running coordinator."),
+    "submit": ("service.cli.run:submit", "Submit a campaign to a running coordinator."),
     "dispatch": (
-        "service.cli.dispatch:dispatch_command",
+        "service.cli.processes:dispatch_command",
         "Work for a coordinator, here or elsewhere, until interrupted; several may work for one.",
     ),
     "status": (
-        "service.cli.control:status",
+        "service.cli.campaigns:status",
         "Show campaigns, workers and dead jobs, or one campaign with its searches.",
     ),
     "watch": (
-        "service.cli.control:watch",
+        "service.cli.campaigns:watch",
         "Follow a campaign until it ends; with --json as one event a line.",
     ),
     "pause": (
-        "service.cli.control:pause",
+        "service.cli.campaigns:pause",
         "Hand out no more jobs of a campaign or of one search; those that run finish.",
     ),
-    "resume": ("service.cli.control:resume", "Let a paused campaign, or one search of it, go on."),
+    "resume": ("service.cli.campaigns:resume", "Let a paused campaign, or one search of it, go on."),
     "cancel": (
-        "service.cli.control:cancel",
+        "service.cli.campaigns:cancel",
         "End a campaign, or one search of it, for good; running solves are stopped, results are kept.",
     ),
     "share": (
-        "service.cli.control:share",
+        "service.cli.campaigns:share",
         "Change when a campaign or one search of it gets workers, and how large a part of them.",
     ),
     "solutions": ("service.cli.solutions:solutions", "Look at solutions, find them again, take them away."),
     "seeds": (
-        "service.cli.control:seeds",
+        "service.cli.campaigns:seeds",
         "Show which solutions would seed a search or a problem, and by which mapping.",
     ),
     "report": (
@@ -64,7 +115,7 @@ COMMANDS = {
     "campaigns": ("service.cli.campaigns:campaigns", "Take campaigns from one installation to another."),
     "analyse": ("service.cli.analyse:analyse", "Find out what may happen to a solution."),
     "benchmark": (
-        "service.cli.benchmark:benchmark",
+        "service.cli.problem_set:benchmark",
         "Show and check the open set of robust problems; compare solutions with it.",
     ),
     "example": ("service.cli.example:example", "Run an example from end to end."),
@@ -72,7 +123,7 @@ COMMANDS = {
     "db": ("service.cli.db:db", "Upgrade, check, repair, back up and restore an archive."),
     "token": ("service.cli.token:token", "Make, list and revoke tokens."),
     "doctor": (
-        "service.cli.doctor:doctor",
+        "service.cli.processes:doctor",
         "Check this installation, and say what to do where something is missing.",
     ),
 }

@@ -1,4 +1,7 @@
-"""`coastarc run` and `coastarc serve`: campaigns on this machine, and what is shown meanwhile."""
+"""`coastarc run` and `coastarc serve`: campaigns on this machine, and what is shown meanwhile.
+
+`coastarc submit`: a campaign for a running coordinator.
+"""
 
 import errno
 import shlex
@@ -12,8 +15,21 @@ from rich.live import Live
 
 from service import logs
 from service.cli import terminal
-from service.cli.faults import complain
-from service.cli.options import DATA, DEFAULT_PORT, WORKERS, Data, SpecFile, Workers, console
+from service.cli.command import complain
+from service.cli.options import (
+    DATA,
+    DEFAULT_PORT,
+    DEFAULT_URL,
+    WORKERS,
+    Data,
+    Json,
+    SpecFile,
+    Url,
+    Workers,
+    client_of,
+    console,
+    print_json,
+)
 from service.coordinator import Coordinator, Crew
 from service.db.errors import Unavailable
 from service.db.transitions import ENDED
@@ -183,3 +199,24 @@ def serve_until_interrupted(coordinator: Coordinator, crew: Crew) -> None:
             coordinator.raise_fault()
     except KeyboardInterrupt:
         return
+
+
+def submit(
+    spec: SpecFile,
+    url: Url = DEFAULT_URL,
+    key: Annotated[
+        str | None, typer.Option(help="Any text; repeated with it, a submission counts once.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Submit a campaign to a running coordinator."""
+    with client_of(url) as client:
+        campaign, is_new = client.submit(load_spec(spec).as_fields(), key)
+    if as_json:
+        print_json(campaign)
+    else:
+        news = "submitted" if is_new else "is already there"
+        console.print(f"Campaign {campaign.id} ({campaign.name}) {news}; watch it at {url}")
+        is_planned = all(one.seeds_from or one.state != "waiting" for one in campaign.searches)
+        if is_new and not is_planned:
+            console.print("It is large: its searches wait while the coordinator plans one after the other.")

@@ -1,9 +1,16 @@
-"""What a campaign came to, as tables for the terminal."""
+"""What a campaign came to, as tables for the terminal.
 
-from collections.abc import Sequence
+One solution for the terminal: what it is, how well it holds, and where it comes from.
+
+Certificates for the terminal: how far a verification is, what it came to, and one certificate in full.
+"""
+
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime, timedelta
 
+import numpy as np
 from rich import box
+from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
@@ -13,6 +20,8 @@ from service.schemas.campaign import CampaignItem, CampaignView
 from service.schemas.job import JobView, WorkerView
 from service.schemas.search import SearchView
 from service.schemas.solution import Record, SeedPage
+from service.solutions.verification import Summary, Verified
+from workers.certify import CertificateDocument, CertifiedApproach, CertifiedThird, CertifiedTrajectory
 
 SUMMARY_COLUMNS = ("search", "strategy", "solves", "paper, %", "strict, %", "found", "kg", "km/s", "CPU, s")
 
@@ -187,3 +196,145 @@ def _shown(value: float | None, digits: int) -> str:
 
 def _duration(seconds: float) -> str:
     return str(timedelta(seconds=round(seconds)))
+
+
+#: Rows of a defect: what they are of, and their unit.
+PARTS = {"km": slice(0, 3), "km/s": slice(3, 6), "kg": slice(6, 7)}
+
+
+def print_record(console: Console, record: Record) -> None:
+    """Print a solution but for its vector, which is in the JSON."""
+    console.print(Text.assemble((record.id, "bold"), f"  {record.strategy}, verified as {level_of(record)}"))
+    for name, words in _facts(record):
+        console.print(Text.assemble((f"{name:<15}", "bold"), words), soft_wrap=True)
+    console.print(_defects(record))
+
+
+def _facts(record: Record) -> Iterator[tuple[str, str]]:
+    outages = [f"{outage.duration_days:g} d at segment {outage.segment}" for outage in record.outages]
+    yield "outages", ", ".join(outages) or "none"
+    spent = f"{record.delta_v_total_km_s:.4f} km/s with what came before it"
+    yield "delta-v", f"{record.delta_v_km_s:.4f} km/s; {spent}"
+    yield "propellant", f"{record.propellant_kg:.2f} kg; {record.objective_kg:.2f} kg arrive"
+    parts = (record.initial_coast_days, record.shooting_days, record.final_coast_days)
+    first, thrust, last = (f"{days:.2f}" for days in parts)
+    shares = f"{first} coast, {thrust} thrust, {last} coast"
+    yield "time of flight", f"{record.time_of_flight_days:.2f} d: {shares}"
+    yield "insertion", f"{record.insertion_epoch} TDB"
+    yield "arrival", f"{record.arrival_epoch} TDB"
+    lowest = (("Earth", record.earth_altitude_km), ("Moon", record.moon_altitude_km))
+    passes = [f"{altitude:,.0f} km over the {body}" for body, altitude in lowest if altitude is not None]
+    yield "lowest", ", ".join(passes) or "not looked at; `coastarc solutions verify` does"
+    yield "problem", record.problem_hash
+    yield "found by", f"search {record.search} of campaign {record.campaign_id}"
+    yield "seed", f"{record.seed_id}, mapped by {record.mapping}" if record.seed_id else "none: drawn"
+    yield "random key", record.rng_key
+    effort = f"{record.n_iterations} iterations, {record.n_evaluations} evaluations"
+    yield "solver", f"{record.status}: {effort}, {record.cpu_seconds:.1f} s of CPU"
+    yield "on", f"{record.host}, {record.created_at:%Y-%m-%d %H:%M} UTC"
+    yield "code", record.code_version
+    yield "packages", ", ".join(f"{name} {version}" for name, version in record.package_versions.items())
+    yield "kernels", ", ".join(f"{name} {digest}" for name, digest in record.kernel_hashes.items())
+
+
+def _defects(record: Record) -> Table:
+    """Return the norms of the defects at the matchpoints, solved beside verified."""
+    columns = [f"{by}\n{unit}" for by in ("solved", "verified") for unit in PARTS]
+    rows = table("defects of", *columns)
+    for i, pair in enumerate(zip(record.defects_solved, record.defects_verified, strict=True)):
+        norms = [f"{norm:.1e}" for row in pair for norm in _norms(row)]
+        rows.add_row(f"realization {i}" if i else "reference", *norms)
+    return rows
+
+
+def _norms(row: list[float]) -> list[float]:
+    return [float(np.linalg.norm(row[part])) for part in PARTS.values()]
+
+
+def verify_progress_line(items: Sequence[Verified], n: int, gone_s: float) -> str:
+    """Return how far a verification is."""
+    n_failed = sum(not item.is_good for item in items)
+    left = timedelta(seconds=round(gone_s / len(items) * (n - len(items))))
+    return f"{len(items)} of {n} verified, {n_failed} failed, {gone_s / len(items):.1f} s each, {left} left"
+
+
+def verified_list(items: Sequence[Verified]) -> Table:
+    """Return one row per solution."""
+    rows = table("solution", "level", "good", "arrival miss, km", "Earth, km", "Moon, km", "certificate")
+    for item in items:
+        numbers = (item.arrival_miss_km, item.earth_altitude_km, item.moon_altitude_km)
+        shown = ["-" if number is None else f"{number:,.3f}" for number in numbers]
+        rows.add_row(
+            item.solution_id[:8], item.level, "yes" if item.is_good else "NO", *shown, (item.hash or "-")[:8]
+        )
+    return rows
+
+
+def summary_line(summary: Summary) -> str:
+    """Return what a verification came to."""
+    misses = sorted(item.arrival_miss_km for item in summary.items if item.arrival_miss_km is not None)
+    parts = [f"{summary.n_verified} verified, {summary.n_failed} failed"]
+    if summary.n_skipped:
+        parts.append(f"{summary.n_skipped} left out, found sound before")
+    if misses:
+        middle = misses[len(misses) // 2]
+        parts.append(f"miss at arrival: median {middle:.3g} km, largest {misses[-1]:.3g} km")
+    thirds = [item.third_apart_km for item in summary.items if item.third_apart_km is not None]
+    if thirds:
+        parts.append(f"heyoka is at most {max(thirds):.3g} km away")
+    if not summary.is_complete:
+        parts.append("interrupted; what was done is kept, and --stale goes on with the rest")
+    return "; ".join(parts) + "."
+
+
+def print_certificate(console: Console, found: CertificateDocument | None) -> None:
+    """Print the certificate of a solution, or that it has none."""
+    if found is None:
+        console.print("certificate: none; make one with `coastarc solutions verify`", markup=False)
+        return
+    content = found.content
+    verdict = "sound" if content.is_sound else "NOT SOUND"
+    level = f"{content.level}, marginal" if content.is_marginal else content.level
+    head = f": {found.hash}, {level}, {verdict}, {found.made_at:%Y-%m-%d %H:%M} UTC"
+    if found.is_from_elsewhere:
+        head += f", made elsewhere, on {found.made_on}"
+    console.print(Text.assemble(("certificate", "bold"), head), soft_wrap=True)
+    for reason in (*content.marks, content.failure):
+        if reason:
+            console.print(f"  {reason}", soft_wrap=True, markup=False)
+    rows = table("trajectory", "defect, km", "miss at arrival", "Earth", "Moon", "propellant", "arrives with")
+    for trajectory in content.trajectories:
+        rows.add_row(*_row(trajectory))
+    rows.caption = "defect at the matchpoint; miss if nothing is corrected; lowest altitudes"
+    rows.caption_justify = "left"
+    console.print(rows)
+    if content.third is not None:
+        _print_third(console, content.third, [trajectory.name for trajectory in content.trajectories])
+
+
+def _print_third(console: Console, third: CertifiedThird, names: Sequence[str]) -> None:
+    """Print how far the third flights are from the second, and from the target."""
+    console.print(f"flown through by {third.integrator} {third.version}:", soft_wrap=True, markup=False)
+    for name, flown in zip(names, third.trajectories, strict=True):
+        told = f"{_km(flown.apart[0])} from SciPy's flight, {_km(flown.arrival_miss[0])} from the target"
+        console.print(f"  {name}: {flown.failure or told}", soft_wrap=True, highlight=False, markup=False)
+
+
+def _km(distance: float | None) -> str:
+    return "-" if distance is None else f"{distance:.3g} km"
+
+
+def _row(flown: CertifiedTrajectory) -> list[str]:
+    miss, mass = flown.through.arrival_miss[0], flown.mass
+    return [
+        flown.name,
+        "-" if flown.position_km is None else f"{flown.position_km:.2g}",
+        flown.through.failure or f"{miss or 0.0:.3g} km",
+        *(_altitude(flown.closest, body) for body in ("Earth", "Moon")),
+        f"{mass.before_outage + mass.segments:.2f} kg",
+        f"{mass.arrival:.2f} kg",
+    ]
+
+
+def _altitude(closest: Sequence[CertifiedApproach], body: str) -> str:
+    return next((f"{one.altitude_km:,.0f} km" for one in closest if one.body == body), "-")

@@ -17,9 +17,9 @@ from workers.measure_chains import (
     by_group,
     n_links,
     row,
-    solution_of,
+    solution_of_link,
     solve_links,
-    warm_up,
+    warm_up_links,
 )
 from workers.measure_solves import (
     DEFAULT_GROUPS,
@@ -164,7 +164,7 @@ def test_a_mapped_seed_is_told_in_plain_data(solved):
 
 def test_a_solution_can_be_a_seed_again(solved):
     one = next(one for one in solved if one.measurement.strict)
-    found = solution_of(PLAN, one)
+    found = solution_of_link(PLAN, one)
     assert found.number == 4 and found.problem == PLAN.problem(one.link.case) and found.x == one.x
 
 
@@ -182,7 +182,7 @@ def test_the_first_jobs_try_every_mapping():
         seen.append((job.mapping, job.settings.max_iterations))
         return run_unless_referred(job)
 
-    warm_up(Inline(run_noting), PLAN)
+    warm_up_links(Inline(run_noting), PLAN)
     assert seen == [("continued", 12), ("reference", 12)]
 
 

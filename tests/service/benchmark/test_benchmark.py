@@ -12,12 +12,9 @@ import pytest
 
 from core.problem import content_hash, load_problem
 from service import cli
-from service.benchmark.benchmark_set import FOLDER, BenchmarkError, read_set, sha256
-from service.benchmark.certificate import read_certificate
-from service.benchmark.states_file import jumps
-from service.benchmark.vector_file import read_vector
-from service.benchmark.write import write_set
 from service.cli.options import console
+from service.problem_set.check import jumps, read_certificate, read_vector, write_set
+from service.problem_set.problem_set import FOLDER, BenchmarkError, read_set, sha256
 from service.store.completion import solution_hash
 from workers.measure_solves import Solution
 

@@ -1,4 +1,7 @@
-"""`coastarc dispatch`: an executor of this machine, or a Ray cluster, works for a running coordinator."""
+"""`coastarc dispatch`: an executor of this machine, or a Ray cluster, works for a running coordinator.
+
+`coastarc doctor`: the checks of this installation as a table.
+"""
 
 import threading
 from pathlib import Path
@@ -8,7 +11,9 @@ import typer
 from pydantic import SecretStr
 
 from core.errors import UserError
-from service.cli.options import WORKERS, Url, token_of
+from service.cli import terminal
+from service.cli.options import DATA, DEFAULT_PORT, WORKERS, Data, Json, Url, show, token_of
+from service.doctor import check_all
 from workers.dispatch import EXECUTOR_LOST, RUNNER, DispatchOrder, ExecutorKind, dispatch, stop_on_signals
 from workers.executor import ExecutorError, ExecutorLost
 
@@ -70,3 +75,18 @@ def _n_workers(executor: ExecutorKind, workers: int | None, address: str) -> int
     if executor is ExecutorKind.INLINE and workers not in (None, 1):
         raise DispatchError(f"--workers: expected 1 with --executor inline, got {workers}")
     return workers or WORKERS
+
+
+def doctor(
+    data: Data = DATA,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to look at.")] = DEFAULT_PORT,
+    as_json: Json = False,
+) -> None:
+    """Check this installation, and say what to do where something is missing."""
+    checks = check_all(data, port)
+    rows = terminal.table("check", "state", "found", "what to do")
+    for check in checks:
+        rows.add_row(check.name, check.state, check.found, check.advice)
+    show(checks, rows, as_json)
+    if any(check.state == "failed" for check in checks):
+        raise typer.Exit(1)
