@@ -149,7 +149,7 @@ def _only(record: Record, views: list[MissedThrustView]) -> MissedThrustView:
 
 def _show(views: list[MissedThrustView], folder: Path) -> None:
     # Drawing takes a second to import, and other commands do not draw.
-    from service.report.missed_thrust_page import segment_table, summary_table, write_missed_thrust
+    from service.report.missed_thrust import segment_table, summary_table, write_missed_thrust
 
     for table in (segment_table(views), summary_table(views)):
         rows = terminal.table(*(column.head for column in table.columns), title=table.title)

@@ -12,7 +12,7 @@ from service.cli.options import Json, console, print_json
 from service.new_file import require_folder
 
 if TYPE_CHECKING:
-    from service.missed_thrust.motivating import MotivatingView
+    from service.report.paper.motivating import MotivatingView
 
 #: What is shown of both sides: words, field and digits.
 ROWS = (
@@ -48,7 +48,7 @@ def motivating_command(out: Out = Path("motivating"), as_json: Json = False) -> 
     numbers and draws nothing.
     """
     # Its imports take seconds, which the other commands need not wait for.
-    from service.missed_thrust.motivating import NoExample, motivating
+    from service.report.paper.motivating import NoExample, motivating
 
     if not as_json:
         require_folder(out)
@@ -59,7 +59,7 @@ def motivating_command(out: Out = Path("motivating"), as_json: Json = False) -> 
     if as_json:
         print_json(found.view)
         return
-    from service.report.motivating_plot import write_motivating
+    from service.report.paper.motivating import write_motivating
 
     console.print(_table(found.view))
     for path in write_motivating(found.flight, out):

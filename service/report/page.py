@@ -9,8 +9,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from service.report.cells import Table
 from service.report.style import for_page
+from service.report.tables import Table
 
 FOOT = (
     "Made by coastarc from the archive alone: no solution was flown or solved again. Intervals of ratios are "

@@ -2,7 +2,7 @@
 
 import pytest
 
-from core.analysis.paper_values import DURATIONS_DAYS, paper_value, paper_values
+from service.report.paper.values import DURATIONS_DAYS, paper_value, paper_values
 
 #: Wilson intervals [%] and full costs [h] at 0.5, 1.0 and 1.5 d, computed by hand from the implied counts.
 WILSON = {

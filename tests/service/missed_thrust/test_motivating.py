@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from service.cli import app_of
-from service.missed_thrust import motivating as module
+from service.report.paper import motivating as module
 
 DEPARTURE = datetime.fromisoformat("2026-04-26T14:47:58")
 #: Mass that a day of full thrust takes [kg]: 3 N at 2,708 s.

@@ -13,9 +13,9 @@ from core.analysis.campaign_statistics import CampaignFacts, SolveFacts
 from core.analysis.metrics import Estimate
 from core.problem import load_problem
 from service.report import tables_as_json, write_report
-from service.report.cells import Column, Table, significant
-from service.report.rows_plot import Row, Series, forest
+from service.report.plots import Row, Series, forest
 from service.report.style import BLUE, as_svg, for_page, house_style, lay_out
+from service.report.tables import Column, Table, significant
 
 PROBLEM = load_problem("ppe-drm3")
 NAME, SEARCH = '<script>alert(1)</script> & "$x_1$"', "s1 <i>$x^2$"

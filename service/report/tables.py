@@ -16,7 +16,7 @@ NOTHING = "–"
 #: Where a value of the paper comes from, as a column's head says it.
 PRINTED, READ = "paper, printed", "paper, read from a figure"
 DERIVED = "paper, computed from its numbers"
-#: By the marks of `core.analysis.paper_values`.
+#: By the marks of `service.report.paper.values`.
 SOURCES = {"P": PRINTED, "F": READ, "C": DERIVED}
 #: The least p-value that is shown as a number.
 P_LEAST = 0.0001

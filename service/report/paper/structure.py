@@ -1,14 +1,156 @@
-"""The sections that need no solve: how large Jacobians are, and what outages are to be expected."""
+"""The sections that need no solve: how large Jacobians are, and what outages are to be expected.
+
+Which entries of a Jacobian are there, and how their number grows with the number of segments.
+
+How many safe modes an arc sees, and how long outages last.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
+from matplotlib.ticker import FuncFormatter, NullFormatter
+from numpy.typing import NDArray
 
-from core.analysis.safe_modes import CountDistribution, count_distribution, quoted_statements
+from core.analysis.safe_modes import CountDistribution, count_distribution, duration_cdf, quoted_statements
 from core.analysis.sparsity import DensityRule, density_curve, pattern, sizes
 from core.problem import Problem
-from service.report.cells import DERIVED, PRINTED, READ, Cell, Column, Table
-from service.report.outages_plot import counts, durations
 from service.report.page import Picture, Section
-from service.report.sparsity_plot import Curve, PaperMark, Pattern, density, patterns
+from service.report.style import BLUE, INK, ORANGE, SERIES, SOFT, WIDTH, new_figure
+from service.report.tables import DERIVED, PRINTED, READ, Cell, Column, Table
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pattern:
+    """One Jacobian: where its entries are."""
+
+    title: str
+    #: (n_rows, n_columns) whether an entry is there.
+    entries: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """Entries over the number of segments, for one rule and one spacing of outages."""
+
+    rule: str
+    spacing: int
+    n_segments: tuple[int, ...]
+    n_entries: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class PaperMark:
+    """An entry count that the paper's figure shows."""
+
+    n_segments: int
+    n_entries: int
+
+
+def patterns(shown: Sequence[Pattern]) -> Figure:
+    """Return the patterns one above the other, on one scale of columns."""
+    figure = Figure(figsize=(WIDTH, 1.75 * len(shown)), layout="constrained")
+    widest = max(one.entries.shape[1] for one in shown)
+    for axes, one in zip(figure.subplots(len(shown), sharex=True), shown, strict=True):
+        n_rows, n_columns = one.entries.shape
+        axes.add_patch(PathPatch(_rectangles(one.entries), facecolor=BLUE, linewidth=0))
+        axes.plot((n_columns, n_columns), (0, n_rows), color=SOFT, linewidth=0.8, linestyle=(0, (3, 2)))
+        axes.set(xlim=(0, widest), ylim=(n_rows, 0), title=one.title, ylabel="constraint")
+        axes.grid(False)
+    axes.set_xlabel("variable")
+    return figure
+
+
+def _rectangles(entries: NDArray[np.bool_]) -> Path:
+    """Return rectangles that cover the entries: rows that are alike, one after the other, are one."""
+    changes = np.flatnonzero(np.any(entries[1:] != entries[:-1], axis=1)) + 1
+    corners: list[tuple[int, int]] = []
+    for top, bottom in zip((0, *changes), (*changes, len(entries)), strict=True):
+        edges = np.flatnonzero(np.diff(np.concatenate(([0], entries[top].astype(np.int8), [0]))))
+        for left, right in edges.reshape(-1, 2).tolist():
+            corners += [(left, top), (right, top), (right, bottom), (left, bottom), (left, top)]
+    codes = [Path.MOVETO, Path.LINETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY] * (len(corners) // 5)
+    return Path(corners, codes)
+
+
+def density(curves: Sequence[Curve], paper: Sequence[PaperMark] = ()) -> Figure:
+    """Return the curves on logarithmic axes: a colour per spacing, a line style per rule."""
+    figure = Figure(figsize=(WIDTH, 3.6), layout="constrained")
+    axes = figure.subplots()
+    spacings = sorted({curve.spacing for curve in curves})
+    rules = list(dict.fromkeys(curve.rule for curve in curves))
+    for curve in curves:
+        axes.plot(
+            curve.n_segments,
+            curve.n_entries,
+            color=SERIES[spacings.index(curve.spacing)],
+            linestyle=("-", (0, (5, 2)), (0, (1, 1.5)))[rules.index(curve.rule)],
+            label=f"M = {curve.spacing}, {curve.rule}",
+        )
+    if paper:
+        axes.plot(
+            [mark.n_segments for mark in paper],
+            [mark.n_entries for mark in paper],
+            linestyle="none",
+            marker="D",
+            color=ORANGE,
+            markerfacecolor="none",
+            markersize=5,
+            label="paper, read from its figure 6",
+        )
+    axes.set(xscale="log", yscale="log", xlabel="segments N", ylabel="dense entries of the Jacobian")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.0f}"))
+        axis.set_minor_formatter(NullFormatter())
+    axes.legend(loc="upper left")
+    return figure
+
+
+#: The durations of the paper's outages [days], and the end of the axis.
+STUDIED_DAYS = (0.5, 1.0, 1.5)
+LAST_DAY = 10.0
+
+
+def counts(distributions: Sequence[CountDistribution]) -> Figure:
+    """Return the probability of each number of safe modes, one bar per arc."""
+    figure, (axes,) = new_figure(2.9)
+    width = 0.8 / len(distributions)
+    for number, one in enumerate(distributions):
+        places = np.arange(len(one.probabilities)) + (number - (len(distributions) - 1) / 2) * width
+        name = f"{one.arc_days:g} days"
+        bars = axes.bar(places, one.probabilities, width * 0.9, color=SERIES[number], label=name)
+        axes.bar_label(
+            bars, [_share(value) for value in one.probabilities], fontsize=7.0, color=INK, padding=1
+        )
+    axes.set(xlabel="safe modes on the arc", ylabel="probability")
+    axes.grid(False, axis="x")
+    axes.legend(loc="upper right")
+    return figure
+
+
+def _share(value: float) -> str:
+    return f"{value:.2f}".removeprefix("0") if value >= 0.005 else ""
+
+
+def durations() -> Figure:
+    """Return the distribution of the durations of outages, with those of the paper's cases marked."""
+    figure, (axes,) = new_figure(2.7)
+    days = np.linspace(0.0, LAST_DAY, 401)
+    axes.plot(days, duration_cdf(days), color=BLUE)
+    reached = duration_cdf(np.array(STUDIED_DAYS))
+    for day, share in zip(STUDIED_DAYS, reached, strict=True):
+        axes.annotate(
+            f"{day:g} d: {share:.2f}", (day, share), (8, -6), textcoords="offset points", fontsize=8
+        )
+    axes.plot(STUDIED_DAYS, reached, "o", color=BLUE, markersize=4)
+    axes.set(
+        xlim=(0.0, LAST_DAY), ylim=(0.0, 1.02), xlabel="duration, days", ylabel="share that ends by then"
+    )
+    return figure
+
 
 #: The paper's figure 5: outages at n = 8 + 8k, k = 0 .. 11, of 100 segments.
 N_SHOWN, SHOWN = 100, tuple(range(8, 97, 8))

@@ -1,22 +1,124 @@
-"""How often strategies succeed, and what a solution costs: ours beside the paper's."""
+"""How often strategies succeed, and what a solution costs: ours beside the paper's.
 
-from collections.abc import Sequence
+A campaign's solves by strategy, mapping and duration, grouped and summed up once for all sections.
 
-from core.analysis.campaign_statistics import SeedYield, Summary, seed_yields
-from core.analysis.metrics import Estimate
-from core.analysis.paper_values import PaperValue, paper_value
-from service.report.cells import AS_GIVEN, DERIVED, SOURCES, Cell, Column, Table
-from service.report.estimates import (
+Every case on its own: one table for each number of outages.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+from core.analysis.campaign_statistics import (
+    CampaignFacts,
+    Findings,
+    SeedYield,
+    SolveFacts,
+    Summary,
+    case_name,
+    cost_of,
+    findings_of,
+    grouped,
+    seed_yields,
+    solutions,
+    summarized,
+)
+from core.analysis.metrics import Estimate, Ratio, Spread, feasibility_ratio, spread
+from service.report.page import Picture, Section
+from service.report.paper.values import PaperValue, paper_value
+from service.report.plots import (
     SECONDS_PER_HOUR,
+    Row,
+    Series,
     duration_label,
+    forest,
     number,
     percent,
     seconds_per_solution,
+    strategy_key,
 )
-from service.report.groups import Groups
-from service.report.page import Picture, Section
-from service.report.rows_plot import Row, Series, forest
 from service.report.style import BLUE, GREEN, ORANGE
+from service.report.tables import AS_GIVEN, DERIVED, SOURCES, Cell, Column, Table
+
+#: Strategy with its mapping, and duration of the outages [days], None where a case mixes durations.
+Key = tuple[str, float | None]
+#: The mapping of the paper: a strategy without further words uses it.
+PAPERS_MAPPING = "reference"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Groups:
+    """Everything that several sections ask for."""
+
+    findings: Findings
+    #: By number of outages, then without seeds first, then by duration; solves in order of address.
+    solves: Mapping[Key, Sequence[SolveFacts]]
+    #: Of the same groups, at the strict tolerance.
+    summaries: Mapping[Key, Summary]
+
+
+@dataclass(frozen=True, slots=True)
+class Tally:
+    """The part of a summary that takes one look at the solves: for groups as many as cases."""
+
+    n_solves: int
+    n_paper: int
+    n_strict: int
+    paper_ratio: Ratio
+    strict_ratio: Ratio
+    core_hours: float
+    #: Of strict solutions; delta-v of the transfer.
+    delta_v_km_s: Spread
+    propellant_kg: Spread
+
+
+def tally_of(solves: Sequence[SolveFacts]) -> Tally:
+    """Return counts, ratios, cost and spreads of a group of solves."""
+    found = solutions(solves, "strict")
+    n_solves, n_paper, n_strict = len(solves), len(solutions(solves, "paper")), len(found)
+    return Tally(
+        n_solves=n_solves,
+        n_paper=n_paper,
+        n_strict=n_strict,
+        paper_ratio=feasibility_ratio(n_paper, n_solves),
+        strict_ratio=feasibility_ratio(n_strict, n_solves),
+        core_hours=cost_of(solves).core_hours,
+        delta_v_km_s=spread([v for one in found if (v := one.delta_v_km_s) is not None]),
+        propellant_kg=spread([v for one in found if (v := one.propellant_kg) is not None]),
+    )
+
+
+def groups_of(facts: CampaignFacts) -> Groups:
+    """Return the groups of a campaign."""
+    findings = findings_of(facts)
+    solves = _by_strategy(facts.solves)
+    summaries = {key: replace(summarized(findings, group), strategy=key[0]) for key, group in solves.items()}
+    return Groups(findings, solves, summaries)
+
+
+def labelled(strategy: str, mapping: str | None) -> str:
+    """Return a strategy with the form of its mapping, unless that is the paper's own.
+
+    What the paper did not do has another name than what it did, and gets none of its numbers.
+    """
+    if mapping is None or mapping == PAPERS_MAPPING:
+        return strategy
+    form, _, sources = mapping.partition("(")
+    return f"{strategy} {form}{' from realizations' if sources and form == PAPERS_MAPPING else ''}"
+
+
+def _by_strategy(solves: Iterable[SolveFacts]) -> dict[Key, list[SolveFacts]]:
+    found: dict[Key, list[SolveFacts]] = {}
+    # A hundred thousand solves have some dozen cases: each is asked for its duration once.
+    durations: dict[tuple[tuple[int, float], ...], float | None] = {}
+    for solve in solves:
+        if solve.outages not in durations:
+            durations[solve.outages] = solve.duration_days
+        label = labelled(solve.strategy, solve.mapping)
+        found.setdefault((label, durations[solve.outages]), []).append(solve)
+    ordered = sorted(found, key=lambda key: (*strategy_key(key[0]), key[0], key[1] or 0.0))
+    return {key: found[key] for key in ordered}
+
 
 INTERVALS = "Intervals are Wilson's, 95 %."
 OPEN = "A line without a mark: no solution so far."
@@ -235,3 +337,75 @@ def _paper_seconds(paper: PaperValue) -> Estimate:
     interval = seconds_per_solution(hours, paper.n_guesses, paper.ratio_interval)
     assert interval is not None
     return Estimate(SECONDS_PER_HOUR * paper.hours_per_solution.value, interval.low, interval.high)
+
+
+COLUMNS = (
+    Column("outages at", "case"),
+    Column("outage, days", "duration_days", 1),
+    Column("strategy", "strategy"),
+    Column("solves", "n_solves"),
+    Column("solutions, paper's tolerance", "n_paper"),
+    Column("ratio, %", "paper_ratio_percent"),
+    Column("solutions, strict", "n_strict"),
+    Column("ratio, %, strict", "strict_ratio_percent"),
+    Column("core-s per strict solution", "core_seconds_per_strict"),
+    Column("least delta-v, km/s", "least_delta_v_km_s", 3),
+    Column("median delta-v, km/s", "median_delta_v_km_s", 3),
+    Column("least propellant, kg", "least_propellant_kg", 1),
+)
+
+
+def cases_section(groups: Groups) -> Section:
+    """Return the case tables, as far as the campaign has cases."""
+    by_k: dict[int, list[_Case]] = {}
+    for solves in grouped(groups.findings.facts.solves, ("outages", "strategy")).values():
+        first = solves[0]
+        by_k.setdefault(first.k, []).append(_Case(first.outages, first.strategy, tally_of(solves)))
+    paragraph = (
+        "A case is a set of outages, named by the segments at which they begin. "
+        "The paper gives no numbers by case."
+    )
+    tables = tuple(_table(k, sorted(by_k[k], key=_Case.order)) for k in sorted(by_k))
+    return Section("cases", "Case by case", (paragraph,), tables)
+
+
+class _Case(NamedTuple):
+    """What one strategy found for one case."""
+
+    outages: tuple[tuple[int, float], ...]
+    strategy: str
+    tally: Tally
+
+    @property
+    def duration_days(self) -> float | None:
+        """The duration that all its outages share, None without outages or where they differ."""
+        durations = {duration for _, duration in self.outages}
+        return durations.pop() if len(durations) == 1 else None
+
+    def order(self) -> tuple[float, tuple[tuple[int, float], ...], tuple[int, int]]:
+        """Return what cases are sorted by."""
+        return self.duration_days or 0.0, self.outages, strategy_key(self.strategy)
+
+
+def _table(k: int, cases: Sequence[_Case]) -> Table:
+    rows = tuple(_row(case) for case in cases)
+    n = len({case.outages for case in cases})
+    caption = (
+        f"{n} {'case' if n == 1 else 'cases'}. Intervals of ratios are Wilson's, 95 %, and those of "
+        "times follow from them. All mappings together. Delta-v is that of the transfer, of strict solutions."
+    )
+    return Table(f"cases-p{k}", f"Cases of P_{k}", caption, COLUMNS, rows)
+
+
+def _row(case: _Case) -> tuple[Cell, ...]:
+    tally = case.tally
+    return (
+        case_name(case.outages).replace("-", ", ") or "none",
+        case.duration_days,
+        case.strategy,
+        *(tally.n_solves, tally.n_paper, percent(tally.paper_ratio)),
+        *(tally.n_strict, percent(tally.strict_ratio)),
+        seconds_per_solution(tally.core_hours, tally.n_solves, tally.strict_ratio),
+        *(number(tally.delta_v_km_s.least), number(tally.delta_v_km_s.median)),
+        number(tally.propellant_kg.least),
+    )

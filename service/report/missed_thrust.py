@@ -1,14 +1,125 @@
-"""The report of a missed-thrust analysis: one trajectory, or two beside each other."""
+"""The report of a missed-thrust analysis: one trajectory, or two beside each other.
+
+What outages do to a trajectory: maps of segment and duration, and the longest outage of each segment.
+"""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap, PowerNorm
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
 from core.analysis.safe_modes import RECOVERIES
-from service.report.cells import Cell, Column, Table
-from service.report.missed_thrust_plot import Shown, cost_map, longest
 from service.report.page import Fact, Head, Picture, Section
+from service.report.style import INK, ORANGE, SERIES, SOFT, new_figure
+from service.report.tables import Cell, Column, Table
 from service.report.write import write_page
-from service.schemas.solution import MissedThrustView, SegmentRisk
+from service.schemas.solution import Map, MissedThrustView, SegmentRisk
+
+#: Cells into which their costs are written, at most.
+_MOST_NUMBERS = 200
+#: Light to dark, for costs.
+_COSTS = LinearSegmentedColormap.from_list("cost", ["#e8f1fb", "#7fb2e5", "#0072c3", "#0b2f5b"])
+
+_LOST = LinearSegmentedColormap.from_list("lost", [ORANGE, ORANGE])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shown:
+    """An analysis under the name by which a picture calls it."""
+
+    name: str
+    view: MissedThrustView
+
+
+def cost_map(view: MissedThrustView, values: Map, unit: str) -> Figure:
+    """Return a map of segment and duration: the cost of the cheapest recovery, and where there is none."""
+    figure, (axes,) = new_figure(1.5 + 0.32 * min(len(view.durations_days), 20))
+    cells = np.array([[np.nan if cell is None else cell for cell in row] for row in values]).T
+    tried = np.array(view.is_tried).T
+    x, y = _even(len(view.segments)), _even(len(view.durations_days))
+    top = max(float(np.nanmax(cells)), 1e-3) if np.isfinite(cells).any() else 1.0
+    # Costs are mostly small with a few large ones, and none is far below nothing.
+    norm = PowerNorm(0.5, 0.0, top, clip=True)
+    lost = np.where(tried & ~np.isfinite(cells), 1.0, np.nan)
+    axes.pcolormesh(x, y, np.ma.masked_invalid(lost), cmap=_LOST)
+    mesh = axes.pcolormesh(x, y, np.ma.masked_invalid(cells), cmap=_COSTS, norm=norm)
+    bar = figure.colorbar(mesh, ax=axes, label=unit, pad=0.01)
+    bar.set_ticks([0.0, *(float(f"{share * top:.1g}") for share in (0.05, 0.2, 0.5, 1.0))])
+    if cells.size <= _MOST_NUMBERS:
+        _write_numbers(axes, x, y, cells, top)
+    axes.set(xlabel="segment in which the outage begins", ylabel="duration, days")
+    axes.set_xticks(0.5 * (x[1:] + x[:-1]), [str(row.segment) for row in view.segments], fontsize=7.5)
+    axes.set_yticks(0.5 * (y[1:] + y[:-1]), [f"{days:g}" for days in view.durations_days])
+    axes.grid(False)
+    axes.legend(
+        handles=[Patch(color=ORANGE, label="no recovery found")],
+        loc="lower right",
+        bbox_to_anchor=(1.0, 1.0),
+        borderaxespad=0.2,
+    )
+    return figure
+
+
+def _write_numbers(axes: Axes, x: np.ndarray, y: np.ndarray, cells: np.ndarray, top: float) -> None:
+    """Write costs into their cells, light on dark."""
+    for (row, column), cost in np.ndenumerate(cells):
+        if np.isfinite(cost):
+            colour = "white" if cost > 0.3 * top else INK
+            place = 0.5 * (x[column] + x[column + 1]), 0.5 * (y[row] + y[row + 1])
+            # Narrow enough for thirty cells beside each other; without the sign of what rounds to nothing.
+            text = f"{cost:.0f}" if abs(cost) >= 9.95 else f"{round(cost, 1) + 0.0:.1f}"
+            axes.text(*place, text, ha="center", va="center", fontsize=6.0, color=colour)
+
+
+def longest(shown: Sequence[Shown]) -> Figure:
+    """Return the longest outage that each segment takes, over the throttle of the first trajectory."""
+    figure, (axes, below) = _two_rows()
+    last = max(max(one.view.durations_days) for one in shown)
+    for number, one in enumerate(shown):
+        _curve(axes, one, number)
+    median = RECOVERIES.median()
+    if median < 1.15 * last:
+        axes.axhline(median, color=SOFT, linewidth=0.9, linestyle=(0, (4, 3)))
+        axes.annotate(
+            "median outage", (0.0, median), (4, 3), xycoords=("axes fraction", "data"), color=SOFT,
+            textcoords="offset points", fontsize=8.0,
+        )  # fmt: skip
+    axes.set(ylabel="longest outage with\na recovery, days", ylim=(0.0, 1.12 * last))
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
+    for number, one in enumerate(shown):
+        throttles = one.view.throttles
+        below.step(range(1, len(throttles) + 1), throttles, where="mid", color=SERIES[number], linewidth=1.2)
+    below.set(xlabel="segment in which the outage begins", ylabel="throttle", ylim=(-0.03, 1.08))
+    return figure
+
+
+def _curve(axes: Axes, one: Shown, number: int) -> None:
+    rows, colour = one.view.segments, SERIES[number]
+    segments, days = [row.segment for row in rows], [row.longest_days for row in rows]
+    axes.plot(segments, days, color=colour, label=one.name, marker="o", markersize=3.2, zorder=3 - number)
+    opened = [row for row in rows if row.is_open]
+    axes.plot(
+        [row.segment for row in opened], [row.longest_days for row in opened], "^", color=colour,
+        markersize=5.5, zorder=3 - number,
+    )  # fmt: skip
+
+
+def _two_rows() -> tuple[Figure, tuple[Axes, Axes]]:
+    figure, (axes,) = new_figure(3.7)
+    figure.delaxes(axes)
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+    return figure, (above, below)
+
+
+def _even(count: int) -> np.ndarray:
+    """Return the sides of cells of equal width."""
+    return np.arange(count + 1.0)
+
 
 _MAPS = (
     ("propellant", "propellant_kg", "Propellant", "beyond the reference's", "propellant, kg"),

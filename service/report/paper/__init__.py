@@ -1,0 +1,1 @@
+"""What is about the paper alone: its values, its figures and its motivating example."""
