@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test check browser pages same chaos docs lint shape types clean
+.PHONY: run test check browser pages same chaos docs lint shape types examples clean
 
 run: $(VENV)/.installed
 	$(BIN)/coastarc run examples/quick.toml
@@ -54,6 +54,10 @@ lint: $(VENV)/.installed-test node_modules/.installed
 # What the page's modules know of the API, after a change of its schemas.
 types: $(VENV)/.installed-test node_modules/.installed
 	$(BIN)/python -m tests.page_types
+
+# The examples in the OpenAPI document, from a small campaign that is solved for them: about a minute.
+examples: $(VENV)/.installed-test
+	$(BIN)/python -m tests.api_examples
 
 # How easily things are found: sizes of files, importers, forms of one noun, circles; JSON, and a table on a terminal.
 shape: $(VENV)/.installed-test

@@ -4,7 +4,7 @@ import tempfile
 from collections.abc import AsyncIterator
 from typing import Annotated, Any, BinaryIO
 
-from fastapi import APIRouter, BackgroundTasks, Body, Depends, Header, Path, Request, Response
+from fastapi import APIRouter, BackgroundTasks, Depends, Header, Path, Request, Response
 from fastapi.responses import StreamingResponse
 from starlette.background import BackgroundTask
 
@@ -22,28 +22,10 @@ from service.store.archive_files import file_name, packed, pieces, take_in_file
 
 router = APIRouter(tags=["campaigns"])
 
-EXAMPLE = {
-    "campaign": {"name": "quick", "rng_seed": 2026},
-    "problem": {"preset": "ppe-drm3", "n_segments": 50},
-    "search": [
-        {"id": "s0", "strategy": "S(0)", "guesses": 40, "max_iterations": 1200},
-        {
-            "id": "s1-0",
-            "strategy": "S(1|0)",
-            "outages": [{"segment": 24, "duration_days": 1.0}],
-            "seeds": {"from": "s0"},
-            "mapping": "continued",
-            "max_iterations": 1200,
-        },
-    ],
-}
-
 Key = Annotated[str | None, Header(pattern="^[!-~]{1,200}$", description="Unique for each submission")]
 SearchName = Annotated[
     str, Path(pattern="^[A-Za-z0-9][A-Za-z0-9 ._-]{0,79}$", description="Name of a search")
 ]
-Weight = Annotated[WeightWanted, Body(examples=[{"weight": 2.0}])]
-Priority = Annotated[PriorityWanted, Body(examples=[{"priority": -1}])]
 
 
 @router.post(
@@ -52,7 +34,7 @@ Priority = Annotated[PriorityWanted, Body(examples=[{"priority": -1}])]
     responses={200: {"model": CampaignView}, 202: {"model": CampaignView}, **CONFLICT},
 )
 async def submit_campaign(
-    spec: Annotated[dict[str, Any], Body(examples=[EXAMPLE])],
+    spec: dict[str, Any],
     store: StoreHere,
     heavy: HeavyHere,
     request: Request,
@@ -109,7 +91,7 @@ def cancel_campaign(campaign_id: Id, store: StoreHere) -> CampaignView:
 
 
 @router.post("/campaigns/{campaign_id}/priority")
-def set_campaign_priority(campaign_id: Id, wanted: Priority, store: StoreHere) -> CampaignView:
+def set_campaign_priority(campaign_id: Id, wanted: PriorityWanted, store: StoreHere) -> CampaignView:
     """Let a campaign go before others or after them; lower goes first, 0 is usual."""
     store.set_campaign(campaign_id, priority=wanted.priority)
     return store.campaign(campaign_id)
@@ -137,7 +119,9 @@ def cancel_search(campaign_id: Id, name: SearchName, store: StoreHere) -> Campai
 
 
 @router.post("/campaigns/{campaign_id}/searches/{name}/weight")
-def set_search_weight(campaign_id: Id, name: SearchName, wanted: Weight, store: StoreHere) -> CampaignView:
+def set_search_weight(
+    campaign_id: Id, name: SearchName, wanted: WeightWanted, store: StoreHere
+) -> CampaignView:
     """Give a search another part of the workers, compared with searches of equal priority."""
     store.set_search(campaign_id, name, weight=wanted.weight)
     return store.campaign(campaign_id)
@@ -145,7 +129,7 @@ def set_search_weight(campaign_id: Id, name: SearchName, wanted: Weight, store: 
 
 @router.post("/campaigns/{campaign_id}/searches/{name}/priority")
 def set_search_priority(
-    campaign_id: Id, name: SearchName, wanted: Priority, store: StoreHere
+    campaign_id: Id, name: SearchName, wanted: PriorityWanted, store: StoreHere
 ) -> CampaignView:
     """Let a search go before others or after them; lower goes first, -k is usual for S(k|k')."""
     store.set_search(campaign_id, name, priority=wanted.priority)

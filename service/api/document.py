@@ -1,20 +1,16 @@
 """The OpenAPI document, finished: an example for each body and answer, refusals as the problems they are."""
 
+import json
 from http import HTTPStatus
+from importlib.resources import files
 from typing import Any
 
 from fastapi import FastAPI
 
-from service.schemas import (
-    activity_examples,
-    campaign_examples,
-    certificate_examples,
-    examples,
-    missed_thrust_examples,
-)
-from service.schemas.examples import TRAJECTORY
-
+JSON = "application/json"
 PROBLEM = "application/problem+json"
+#: By schema, or by operation where a body or an answer has none of its own; made by `make examples`.
+EXAMPLES = files("service.api") / "examples.json"
 #: What a refusal of each status says.
 DETAILS = {
     401: "Authorization: expected Bearer and a token, got none",
@@ -26,17 +22,7 @@ DETAILS = {
     429: "requests: expected fewer of them, got too many at once; wait 3 s",
     503: "archive: expected to take a write, got a fault; what was stored before is kept",
 }
-#: By the model of the answer.
-EXAMPLES = (
-    examples.EXAMPLES
-    | certificate_examples.EXAMPLES
-    | campaign_examples.EXAMPLES
-    | activity_examples.EXAMPLES
-    | missed_thrust_examples.EXAMPLES
-)
 CODES = {409: "stale_attempt"}
-#: Answers without a model.
-BARE = {"/api/v1/solutions/{solution_id}/trajectory": TRAJECTORY}
 
 
 def finish_document(app: FastAPI) -> None:
@@ -53,22 +39,30 @@ def finish_document(app: FastAPI) -> None:
 
 
 def _finish(document: dict[str, Any]) -> None:
-    schemas = document["components"]["schemas"]
-    for model, example in EXAMPLES.items():
-        if model.__name__ in schemas:
-            schemas[model.__name__]["examples"] = [example]
-    for path, verbs in document["paths"].items():
+    _show(document, json.loads(EXAMPLES.read_text(encoding="utf-8")))
+    for verbs in document["paths"].values():
         for operation in verbs.values():
             for status, answer in operation["responses"].items():
                 if status >= "400":
                     _finish_refusal(int(status), answer)
-                elif path in BARE and status < "300":
-                    answer["content"]["application/json"]["example"] = BARE[path]
+
+
+def _show(document: dict[str, Any], examples: dict[str, Any]) -> None:
+    schemas = document["components"]["schemas"]
+    for name in examples["schemas"].keys() & schemas.keys():
+        schemas[name]["examples"] = [examples["schemas"][name]]
+    for line, sides in examples["operations"].items():
+        verb, path = line.split(" ")
+        operation = document["paths"][path][verb.lower()]
+        if "request" in sides:
+            operation["requestBody"]["content"][JSON]["example"] = sides["request"]
+        if "answer" in sides:
+            operation["responses"]["200"]["content"][JSON]["example"] = sides["answer"]
 
 
 def _finish_refusal(status: int, answer: dict[str, Any]) -> None:
     content = answer.get("content", {})
-    ours = content.pop("application/json", {})
+    ours = content.pop(JSON, {})
     shown = content.setdefault(PROBLEM, {})
     shown.setdefault("schema", ours.get("schema", {"$ref": "#/components/schemas/Fault"}))
     shown.setdefault("example", _problem(status))

@@ -3,7 +3,7 @@
 from datetime import UTC, datetime
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Body, HTTPException, Query
+from fastapi import APIRouter, HTTPException, Query
 
 from service.api.context import After, CampaignWanted, Id, IdentityHere, Limit, SearchWanted, StoreHere
 from service.schemas.answer import Fault
@@ -35,42 +35,6 @@ from workers.messages import (
 
 router = APIRouter(tags=["jobs"])
 
-WORKER = {
-    "name": "node7:4711",
-    "host": "node7",
-    "executor": "process",
-    "slots": 8,
-    "code_version": "0.1.0+1f0c5e9a7b3d",
-    "python_version": "3.11.7",
-}
-HELD = {"job_id": 17, "attempt": 1}
-CLAIM = {"worker": WORKER, "n_jobs": 8}
-HEARTBEAT = {"worker": WORKER, "held": [HELD]}
-SOLVE = {
-    "hop": 0,
-    "rng_key": "2026/0/0/0/0/0",
-    "ending": "infeasible",
-    "status": "ITERATION_LIMIT",
-    "is_feasible": False,
-    "objective_kg": 12900.0,
-    "violation": 31.5,
-    "defects": [[3.15, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]],
-    "n_iterations": 500,
-    "n_evaluations": 731,
-    "cpu_seconds": 12.1,
-    "wall_seconds": 12.4,
-    "move": "accepted",
-}
-PLACE = {"next_hop": 1, "ending": "infeasible", "failures": 0, "width": 0.1, "has_incumbent": True}
-PROVENANCE = {
-    "code_version": "0.1.0+1f0c5e9a7b3d",
-    "python_version": "3.11.7",
-    "package_versions": {"numpy": "2.4.6"},
-    "kernel_hashes": {},
-    "host": "node7",
-}
-HAND_IN = HELD | {"part": {"solves": [SOLVE], "provenance": PROVENANCE, "place": PLACE}}
-COMPLETE = HELD | {"outcome": {"ending": "crash", "error": "worker process: got exit code -9"}}
 #: What the routes of workers may answer besides the usual refusals.
 CONFLICT: dict[int | str, dict[str, Any]] = {409: {"model": Fault, "description": "Conflict; see `code`"}}
 
@@ -96,7 +60,7 @@ def get_job(job_id: Id, store: StoreHere) -> JobView:
 
 @router.post("/jobs/claim", responses=CONFLICT)
 def claim_jobs(
-    request: Annotated[ClaimRequest, Body(openapi_examples={"eight slots": {"value": CLAIM}})],
+    request: ClaimRequest,
     store: StoreHere,
     who: IdentityHere,
 ) -> ClaimAnswer:
@@ -112,7 +76,7 @@ def claim_jobs(
 
 @router.post("/jobs/heartbeat", responses=CONFLICT)
 def keep_jobs(
-    request: Annotated[HeartbeatRequest, Body(openapi_examples={"one job": {"value": HEARTBEAT}})],
+    request: HeartbeatRequest,
     store: StoreHere,
     who: IdentityHere,
 ) -> HeartbeatAnswer:
@@ -129,7 +93,7 @@ def keep_jobs(
 
 @router.post("/jobs/hand-in", responses=CONFLICT)
 def hand_in_hops(
-    request: Annotated[HandInRequest, Body(openapi_examples={"one hop": {"value": HAND_IN}})],
+    request: HandInRequest,
     store: StoreHere,
     who: IdentityHere,
 ) -> HandInAnswer:
@@ -142,7 +106,7 @@ def hand_in_hops(
 
 @router.post("/jobs/complete", responses=CONFLICT)
 def complete_job(
-    request: Annotated[CompleteRequest, Body(openapi_examples={"a crash": {"value": COMPLETE}})],
+    request: CompleteRequest,
     store: StoreHere,
     who: IdentityHere,
 ) -> CompleteAnswer:
@@ -158,9 +122,7 @@ def complete_job(
 
 @router.post("/jobs/complete-many", responses=CONFLICT)
 def complete_jobs(
-    request: Annotated[
-        CompleteManyRequest, Body(openapi_examples={"a crash": {"value": {"reports": [COMPLETE]}}})
-    ],
+    request: CompleteManyRequest,
     store: StoreHere,
     who: IdentityHere,
 ) -> CompleteManyAnswer:

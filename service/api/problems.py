@@ -2,9 +2,9 @@
 
 import json
 from functools import lru_cache
-from typing import Annotated, Any
+from typing import Any
 
-from fastapi import APIRouter, Body, Response
+from fastapi import APIRouter, Response
 
 from core.problem import problem_from
 from service.api.context import Hash, HeavyHere, StoreHere
@@ -16,7 +16,6 @@ from service.store import Store
 
 router = APIRouter(tags=["problems"])
 
-EXAMPLE = {"preset": "ppe-drm3", "outages": [{"segment": 24, "duration_days": 1.0}]}
 #: What follows from a definition holds for ever, but the code that draws it may change.
 KEPT = "private, max-age=3600"
 
@@ -29,7 +28,7 @@ def list_problems(store: StoreHere) -> ProblemPage:
 
 @router.post("/problems", status_code=201, responses={200: {"model": ProblemView}})
 async def add_problem(
-    fields: Annotated[dict[str, Any], Body(examples=[EXAMPLE])],
+    fields: dict[str, Any],
     store: StoreHere,
     heavy: HeavyHere,
     response: Response,

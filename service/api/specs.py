@@ -3,9 +3,8 @@
 from collections.abc import Iterable
 from functools import cache
 from importlib.resources import files
-from typing import Annotated
 
-from fastapi import APIRouter, Body
+from fastapi import APIRouter
 
 from service.api.context import HeavyHere, Id, StoreHere
 from service.schemas.problem import (
@@ -25,13 +24,10 @@ router = APIRouter(tags=["campaigns"])
 
 #: In the order in which they are offered.
 TEMPLATES = ("quick", "paper-small", "paper")
-EXAMPLE = '[campaign]\nname = "quick"\nrng_seed = 2026\n'
 
 
 @router.post("/specs/check")
-async def check_spec(
-    wanted: Annotated[SpecToCheck, Body(examples=[{"text": EXAMPLE}])], heavy: HeavyHere
-) -> SpecCheck:
+async def check_spec(wanted: SpecToCheck, heavy: HeavyHere) -> SpecCheck:
     """Say what is wrong with a specification, line by line, or what it would run; nothing is stored."""
     return await heavy.run(_checked, wanted.text)
 

@@ -5,12 +5,12 @@ import json
 import pytest
 
 from core.problem import load_problem
-from service.schemas.certificate_examples import EXAMPLES
 from service.solutions.missed_thrust import views_of
 from service.spec import spec_from
 from service.spec.missed_thrust import analysis_spec, grid_of
 from service.store.filters import Filter
 from tests.acceptance import known
+from tests.api_examples import example_of
 from tests.browser.conftest import SCREENS
 from tests.service.campaigns import finish
 from workers.certify import CertificateDocument
@@ -214,7 +214,7 @@ def test_a_certificate_is_shown_when_there_is_one_and_else_how_to_make_it(archiv
     solution_id = store.certificates.ids(Filter(search="s0"))[0]
     page = visit(f"{url}/solutions/{solution_id}")
     assert f"coastarc solutions verify {solution_id[:8]}" in page.inner_text("#certificate")
-    example = CertificateDocument.model_validate(EXAMPLES[CertificateDocument])
+    example = example_of(CertificateDocument)
     content = example.content.model_copy(update={"solution_id": solution_id, "marks": ("too low",)})
     store.certificates.add(example.model_copy(update={"content": content}), "here")
     page = visit(f"{url}/solutions/{solution_id}")

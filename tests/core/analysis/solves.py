@@ -58,7 +58,7 @@ def solved(name, propellant_kg=300.0, *segments, is_strict=True, **changes):
     return failed(
         segments,
         **{
-            "status": "CONVERGED",
+            "status": "OPTIMAL",
             "paper": True,
             "strict": is_strict,
             "solution_id": name,

@@ -6,15 +6,15 @@ import pytest
 from sqlalchemy import func, select
 
 from service.db.tables import CertificateRow
-from service.schemas.certificate_examples import EXAMPLES
 from service.store import UnknownRow
 from service.store.filters import Filter
+from tests.api_examples import example_of
 from tests.service.campaigns import finish, submitted
 from tests.service.databases import needs_postgres
 from workers.certify import CertificateDocument
 
 KINDS = ["sqlite", pytest.param("postgresql", marks=needs_postgres)]
-EXAMPLE = CertificateDocument.model_validate(EXAMPLES[CertificateDocument])
+EXAMPLE = example_of(CertificateDocument)
 
 
 def document(solution_id, **content):
