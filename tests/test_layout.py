@@ -71,3 +71,10 @@ def test_no_file_of_the_project_is_longer_than_600_lines():
     for top in (*NAMES, "tests"):
         for path in (ROOT / top).rglob("*.py"):
             assert len(path.read_text(encoding="utf-8").splitlines()) <= 600, path
+
+
+@pytest.mark.parametrize("name", ["quick", "paper-small", "paper"])
+def test_an_example_that_the_service_offers_too_is_kept_once(name):
+    offered = ROOT / "service" / "spec" / "templates" / f"{name}.toml"
+    assert (ROOT / "examples" / offered.name).resolve() == offered
+    assert not offered.is_symlink()
