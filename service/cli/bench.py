@@ -8,7 +8,7 @@ Measured solves as tables for the terminal.
 
 `coastarc bench`: how fast this machine is at what campaigns are made of.
 
-`coastarc bench`: options in, measurements of `workers` and `service.bench` as tables or JSON out.
+`coastarc bench`: options in, measurements of `workers` as tables or JSON out.
 """
 
 import json
@@ -27,9 +27,7 @@ from threadpoolctl import threadpool_limits
 
 from core.nlp import SolveSettings
 from core.problem import load_problem
-from service.bench.machine import machine
 from service.cli import terminal
-from service.cli.bench_product import report, service
 from service.cli.options import Json
 from workers.executor import Executor
 from workers.measure_chains import (
@@ -64,6 +62,7 @@ from workers.measure_solves import (
     write_solutions,
 )
 from workers.process_pool import ProcessPool
+from workers.provenance import machine
 
 Plan = TypeVar("Plan")
 Solved = TypeVar("Solved")
@@ -503,18 +502,16 @@ def _regenerated(search: GuessPlan, n: int, n_workers: int, save_seeds: Path | N
     return tuple(found)
 
 
-bench = typer.Typer(help="Measure the numerics, reports and the service.", no_args_is_help=True)
+bench = typer.Typer(help="Measure the numerics on this machine.", no_args_is_help=True)
 bench.command()(solve)
 bench.command()(chain)
-bench.command()(report)
-bench.command()(service)
 
 RngSeed = Annotated[int, typer.Option(min=0, help="Fixes the points.")]
 
 
 @bench.callback()
 def _group() -> None:
-    """Measure the numerics, reports and the service."""
+    """Measure the numerics on this machine."""
 
 
 @bench.command()

@@ -22,14 +22,13 @@ from pathlib import Path
 import numpy as np
 from playwright.sync_api import sync_playwright
 
-from service.bench.archive import fill
-from service.bench.load import Load, run_workers
-from service.bench.machine import machine
-from service.bench.probe import campaign
+from benchmarks.archive import fill
+from benchmarks.load import Load, run_workers
+from benchmarks.probe import campaign
 from service.spec import spec_from
 from tests.browser.conftest import CHROMIUM, FLAGS
 from workers.messages import WorkerInfo
-from workers.provenance import code_version
+from workers.provenance import code_version, machine
 
 PAGES = {
     "campaigns": "/",
@@ -58,7 +57,7 @@ PAINT = "performance.getEntriesByName('first-contentful-paint')[0].startTime"
 @contextmanager
 def served(folder):
     """Serve a folder from another process; give what it says of itself."""
-    command = [sys.executable, "-m", "service.bench.server", str(folder)]
+    command = [sys.executable, "-m", "benchmarks.server", str(folder)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as server:
         told = json.loads(server.stdout.readline())
         # After a start an archive is read for a while.

@@ -6,12 +6,12 @@ import json
 import pytest
 
 from service import cli
-from service.bench.machine import machine, revision
 from service.cli import bench as bench_session
 from service.cli.bench import Progress
 from tests.workers.fake import run_fake
 from workers.executor import Inline
 from workers.measure_solves import read_solutions
+from workers.provenance import machine, revision
 
 MEASURED = {
     "status",

@@ -1,4 +1,4 @@
-"""Simulated dispatchers for `coastarc bench service`: they claim over HTTP and answer without solving.
+"""Simulated dispatchers for `benchmarks.service`: they claim over HTTP and answer without solving.
 
 They run in a process of their own, so that their work does not slow down the clocks of the probes.
 """

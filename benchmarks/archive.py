@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from sqlalchemy import func, insert, select
 from sqlalchemy.orm import Session
 
+from benchmarks.load import PROVENANCE
 from core.constants import SECONDS_PER_DAY
 from core.problem import calendar_epoch, content_hash
-from service.bench.load import PROVENANCE
 from service.db.dialect import FILL_TALLIES, TOTALS, insert_new, plain
 from service.db.engine import Database
 from service.db.place import place_of

@@ -1,72 +1,17 @@
-"""`coastarc bench report`: how long the report of a large campaign takes.
-
-`coastarc bench service`: how many outcomes a coordinator takes, and how long others wait meanwhile.
-"""
+"""How many outcomes a coordinator takes, and how long others wait: `python -m benchmarks.service`."""
 
 import json
 import tempfile
-import time
-from collections.abc import Callable
-from importlib.resources import files
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 from rich.console import Console
 
-from service.bench.archive import fill
-from service.bench.machine import machine
+from benchmarks.measure import Wanted, measure
 from service.cli import terminal
 from service.cli.options import Json
-from service.db.place import URL_VARIABLE, place_of
-from service.spec import load_spec
-from service.store import Store
-
-
-def report(
-    outcomes: Annotated[int, typer.Option(min=100, max=10_000_000, help="Solves in the archive.")] = 100_000,
-    spec: Annotated[
-        Path | None, typer.Option(help="Specification whose searches share them; without it the paper's.")
-    ] = None,
-    rng_seed: Annotated[int, typer.Option(min=0, help="Fixes the archive.")] = 1,
-    as_json: Json = False,
-) -> None:
-    """Time reading the facts of a made-up archive, and writing its report."""
-    from service.report import write_report
-
-    specification = load_spec(spec or Path(str(files("service.spec") / "templates" / "paper.toml")))
-    with TemporaryDirectory() as place:
-        folder = Path(place)
-        if not isinstance(place_of(folder), Path):
-            # It would fill an archive that somebody lives on.
-            raise typer.BadParameter(f"expected no database in {URL_VARIABLE}, got one; unset it")
-        campaign_id = fill(folder, specification, outcomes, np.random.default_rng(rng_seed))
-        with Store(folder, read_only=True) as store:
-            facts, reading = _timed(lambda: store.campaign_facts(campaign_id))
-        _, writing = _timed(lambda: write_report(facts, folder / "report"))
-    content: dict[str, Any] = {
-        "machine": machine(),
-        "settings": {"outcomes": outcomes, "solutions": len(facts.vectors), "rng_seed": rng_seed},
-        "facts": reading,
-        "report": writing,
-    }
-    if as_json:
-        typer.echo(json.dumps(content, indent=2))
-        return
-    for name, part in content.items():
-        typer.echo(f"{name}: " + ", ".join(f"{key} {value}" for key, value in part.items()))
-
-
-def _timed(work: Callable[[], Any]) -> tuple[Any, dict[str, float]]:
-    cpu, wall = time.process_time(), time.perf_counter()
-    done = work()
-    return done, {
-        "cpu_seconds": round(time.process_time() - cpu, 3),
-        "wall_seconds": round(time.perf_counter() - wall, 3),
-    }
-
+from workers.provenance import machine
 
 Outcomes = Annotated[int, typer.Option(min=1, help="End after so many outcomes.")]
 Slots = Annotated[int, typer.Option(min=1, max=1000, help="Workers of one dispatcher.")]
@@ -90,7 +35,7 @@ Readers = Annotated[
 Folder = Annotated[Path | None, typer.Option(help="Keep the archive in this folder, which must be empty.")]
 
 
-def service(
+def main(
     outcomes: Outcomes = 10_000,
     workers: WorkersOption = 64,
     slots: Slots = 8,
@@ -103,8 +48,6 @@ def service(
     as_json: Json = False,
 ) -> None:
     """Load a coordinator on SQLite with simulated workers, without solving anything."""
-    from service.bench.measure import Wanted, measure
-
     if folder is not None and folder.exists() and any(folder.iterdir()):
         raise typer.BadParameter(f"expected an empty folder, got {folder}", param_hint="--folder")
     wanted = Wanted(outcomes, workers, slots, seconds, rate, feasible, prefill, readers)
@@ -153,3 +96,7 @@ def _show(measured: dict[str, Any], settings: dict[str, Any]) -> None:
     )
     for name, value in (machine() | settings | {"answers": measured["statuses"]}).items():
         console.print(f"{name}: {value}", highlight=False)
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -2,15 +2,21 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
-from typer.main import get_command
+import typer
 
-from service.bench.load import as_json, outcome
-from service.bench.probe import percentile_ms
-from service.cli.bench import bench
+from benchmarks.load import as_json, outcome
+from benchmarks.probe import percentile_ms
+from benchmarks.service import main
+from service.store import Store
 from tests.service.campaigns import submitted
 from workers.executor import Ticket
 from workers.messages import JobOutcome
+
+
+@pytest.fixture
+def store(tmp_path):
+    with Store(tmp_path) as opened:
+        yield opened
 
 
 def test_simulated_outcomes_are_taken_for_real_ones_of_both_kinds(store):
@@ -35,11 +41,10 @@ def test_percentiles_are_those_of_the_ordered_times(times, share, expected):
     assert percentile_ms(times, share) == (None if expected is None else pytest.approx(expected))
 
 
-def test_a_short_measurement_over_real_processes(tmp_path):
-    words = ["service", "--outcomes", "12", "--workers", "3", "--seconds", "120", "--rate", "0", "--json"]
-    answer = CliRunner().invoke(get_command(bench), [*words, "--folder", str(tmp_path / "kept")])
-    assert answer.exit_code == 0, answer.output
-    measured = json.loads(answer.output)
+def test_a_short_measurement_over_real_processes(tmp_path, capsys):
+    folder = tmp_path / "kept"
+    main(outcomes=12, workers=3, seconds=120.0, rate=0.0, folder=folder, as_json=True)
+    measured = json.loads(capsys.readouterr().out)
     assert measured["n_outcomes"] >= 11 and measured["n_locked"] == 0
     assert measured["completions"]["p99_ms"] > 0 and measured["cpu_ms_per_outcome"] > 0
     taken = {"claim 200", "complete 200", "complete-many 200", "heartbeat 200"}
@@ -49,5 +54,5 @@ def test_a_short_measurement_over_real_processes(tmp_path):
 
 def test_a_folder_with_something_in_it_is_refused(tmp_path):
     (tmp_path / "mine").write_text("")
-    answer = CliRunner().invoke(get_command(bench), ["service", "--folder", str(tmp_path)])
-    assert answer.exit_code == 2 and "empty folder" in answer.output
+    with pytest.raises(typer.BadParameter, match="empty folder"):
+        main(folder=tmp_path)

@@ -1,6 +1,6 @@
-"""The coordinator that `coastarc bench service` measures: a process of its own, without a dispatcher.
+"""The coordinator that `benchmarks.service` measures: a process of its own, without a dispatcher.
 
-`python -m service.bench.server FOLDER READERS` prints its address, a worker's token and tokens for so many
+`python -m benchmarks.server FOLDER READERS` prints its address, a worker's token and tokens for so many
 readers, and ends with its input.
 """
 

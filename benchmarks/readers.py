@@ -1,4 +1,4 @@
-"""Readers beside the workers of `coastarc bench service`: each asks again as soon as it has its answer.
+"""Readers beside the workers of `benchmarks.service`: each asks again as soon as it has its answer.
 
 They run in a process of their own, as the simulated workers do.  A quarter of them asks for the metrics of
 the busy campaign, the others for what pages and commands read.
@@ -15,7 +15,7 @@ from multiprocessing.synchronize import Event
 from typing import Any
 from urllib.parse import urlsplit
 
-from service.bench.probe import READS
+from benchmarks.probe import READS
 
 METRICS = "/api/v1/campaigns/{campaign}/metrics"
 #: One in so many asks for metrics alone.

@@ -16,10 +16,10 @@ import httpx
 import numpy as np
 import psutil
 
-from service.bench.archive import fill
-from service.bench.load import Load, Tally, run_workers
-from service.bench.probe import Probe, campaign, percentile_ms
-from service.bench.readers import ReadersTally, run_readers
+from benchmarks.archive import fill
+from benchmarks.load import Load, Tally, run_workers
+from benchmarks.probe import Probe, campaign, percentile_ms
+from benchmarks.readers import ReadersTally, run_readers
 from service.coordinator import CoordinatorError
 from service.spec import spec_from
 from workers.messages import WorkerInfo
@@ -112,7 +112,7 @@ def _of_readers(found: list[ReadersTally]) -> dict[str, Any] | None:
 @contextmanager
 def _server(folder: Path, n_readers: int) -> Iterator[tuple["subprocess.Popen[str]", dict[str, Any]]]:
     folder.mkdir(parents=True, exist_ok=True)
-    command = [sys.executable, "-m", "service.bench.server", str(folder), str(n_readers)]
+    command = [sys.executable, "-m", "benchmarks.server", str(folder), str(n_readers)]
     with open(folder / "server.log", "w", encoding="utf-8") as log:
         process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True

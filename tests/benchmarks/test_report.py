@@ -1,10 +1,9 @@
 import json
 
 import numpy as np
-from typer.testing import CliRunner
 
-from service.bench.archive import fill
-from service.cli import app_of
+from benchmarks.archive import fill
+from benchmarks.report import main
 from service.spec import spec_from
 from service.store import Store
 from tests.service.campaigns import spec_fields
@@ -20,12 +19,9 @@ def test_a_made_up_archive_holds_as_many_solves_as_asked_for(tmp_path):
     assert 30 < sum(solve.strict for solve in facts.solves) == len(facts.vectors) < 90  # 60 +- 6.5 expected
 
 
-def test_the_report_of_a_made_up_archive_is_timed(tmp_path):
+def test_the_report_of_a_made_up_archive_is_timed(tmp_path, capsys):
     spec = tmp_path / "spec.json"
     spec.write_text(json.dumps(spec_fields()))
-    run = CliRunner().invoke(
-        app_of(), ["bench", "report", "--outcomes", "100", "--spec", str(spec), "--json"]
-    )
-    assert run.exit_code == 0, run.output
-    told = json.loads(run.output)
+    main(outcomes=100, spec=spec, as_json=True)
+    told = json.loads(capsys.readouterr().out)
     assert told["settings"]["outcomes"] == 100 and {"cpu_seconds", "wall_seconds"} == set(told["report"])
