@@ -19,7 +19,7 @@ from typing import Any, Literal, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from core.analysis.metrics import BestOf, Ratio, Spread, best_of, feasibility_ratio, spread
+from core.analysis.metrics import Ratio, Spread, feasibility_ratio, spread
 from core.analysis.similarity import DISTINCT, clusters, feature_rows
 from core.problem import Problem
 
@@ -328,22 +328,6 @@ def count_distinct(findings: Findings, found: Iterable[SolveFacts], threshold: f
             by_case.setdefault(solve.outages, []).append(findings.row_of[solve.solution_id])
     found_clusters = (clusters(findings.features[rows], threshold) for rows in by_case.values())
     return sum(int(numbers.max()) + 1 for numbers in found_clusters)
-
-
-def best_of_group(solves: Sequence[SolveFacts], n: int, level: Level = "strict") -> BestOf:
-    """Return what the best of n guesses would need, judged by a group of solves, eq. (M12).
-
-    Parameters
-    ----------
-    solves : sequence of SolveFacts
-        Of one case, from independent guesses: neither seeded nor hops from one another.
-    n : int
-        Number of guesses [-].
-    level : "paper" or "strict"
-        Tolerance of the solutions.
-    """
-    masses = [mass for solve in solutions(solves, level) if (mass := solve.propellant_kg) is not None]
-    return best_of(n, len(solves), masses)
 
 
 def seed_yields(solves: Iterable[SolveFacts]) -> tuple[SeedYield, ...]:

@@ -54,21 +54,6 @@ class Spread(NamedTuple):
     greatest: float
 
 
-class BestOf(NamedTuple):
-    """The least propellant among n guesses, as a sample of solves foretells it."""
-
-    n: int
-    #: Solves and solutions of the sample.
-    n_solves: int
-    n_solutions: int
-    #: Probability that any of the n guesses becomes a solution [-].
-    chance: float
-    #: Of the least propellant, given that there is a solution [kg]: its mean, and in 90 % of cases its range.
-    expected_kg: float
-    low_kg: float
-    high_kg: float
-
-
 def feasibility_ratio(n_feasible: int, n_guesses: int) -> Ratio:
     """Return the share of guesses that ended feasible, with its interval.
 
@@ -238,48 +223,3 @@ def product_ratio(ratios: Sequence[Ratio]) -> Ratio:
         return Ratio(prod(ratio.value for ratio in ratios), 0.0, prod(ratio.high for ratio in ratios))
     value, low, high = propagated(prod, ratios)
     return Ratio(value, low, min(1.0, high))
-
-
-def best_of(n: int, n_solves: int, propellant_kg: ArrayLike) -> BestOf:
-    """Return what the best of n guesses would be like, judged by a sample of independent guesses, eq. (M12).
-
-    The n are drawn from the sample without replacement, in all ways at once.  From n of a third of the
-    sample on, the answer leans on its few best solutions; more than the whole sample cannot be foretold.
-
-    Parameters
-    ----------
-    n : int
-        Number of guesses [-].
-    n_solves : int
-        Solves of the sample, failures included [-].
-    propellant_kg : (n_solutions,) array
-        Propellant of its solutions [kg].
-
-    Raises
-    ------
-    ValueError
-        When n is below 1 or there are more solutions than solves.
-
-    References
-    ----------
-    docs/method.md, "Metrics".
-    """
-    masses = np.sort(np.asarray(propellant_kg, dtype=np.float64))
-    if n < 1 or n_solves < len(masses):
-        counts = f"{n}, {n_solves} and {len(masses)}"
-        raise ValueError(f"counts: expected guesses >= 1 and solves >= solutions, got {counts}")
-    if n > n_solves:
-        return BestOf(n, n_solves, len(masses), nan, nan, nan, nan)
-    left = n_solves - np.arange(len(masses))
-    # Chance that none of the best i is among the n, i = 0 .. n_solutions.
-    none = np.concatenate([[1.0], np.cumprod(np.maximum(left - n, 0) / left)])
-    chance = 1.0 - float(none[-1])
-    if chance == 0.0:
-        return BestOf(n, n_solves, len(masses), 0.0, nan, nan, nan)
-    weights = -np.diff(none) / chance
-    low, high = np.searchsorted(np.cumsum(weights), [0.05, 0.95])
-    expected = float(weights @ masses)
-    last = len(masses) - 1
-    return BestOf(
-        n, n_solves, len(masses), chance, expected, float(masses[low]), float(masses[min(high, last)])
-    )

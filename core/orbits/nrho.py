@@ -89,15 +89,6 @@ def halo_of_period(period: float) -> Halo:
     return Halo(period, _apolune_state(unknowns))
 
 
-def jacobi_constant(state: Array) -> float:
-    """Return the Jacobi constant [-] of a state (6,) [LU, LU/TU]."""
-    x, y, z = state[:3]
-    to_earth = math.hypot(x + MU_CR3BP, y, z)
-    to_moon = math.hypot(x - 1.0 + MU_CR3BP, y, z)
-    potential = 2.0 * (1.0 - MU_CR3BP) / to_earth + 2.0 * MU_CR3BP / to_moon
-    return float(x * x + y * y + potential - state[3:] @ state[3:])
-
-
 def _apolune_state(unknowns: Array) -> Array:
     x, z, vy = unknowns
     return np.array([x, 0.0, z, 0.0, vy, 0.0])

@@ -163,11 +163,6 @@ class RouteIndex:
         return "", verbs
 
 
-def lines_of(app: Any) -> list[str]:
-    """Return the names of all routes of an application."""
-    return [line_of(method, template) for _, template, methods in _routes_of(app) for method in methods]
-
-
 def _routes_of(app: Any) -> list[tuple[re.Pattern[str], str, frozenset[str]]]:
     return [
         (compile_path(context.path)[0], context.path, frozenset(context.methods or ()))

@@ -291,11 +291,6 @@ class Coordinator:
         """Where the page is."""
         return self._server.url
 
-    @property
-    def dispatcher_pid(self) -> int | None:
-        """The process id of the dispatcher, if one runs."""
-        return self._supervisor.pid if self._supervisor else None
-
     def work(self, crew: Crew, campaign_id: int | None = None) -> None:
         """Begin to run jobs of one campaign, or of all, by a dispatcher that ends with the coordinator."""
 

@@ -46,11 +46,6 @@ TRANSITIONS: Mapping[str, Transitions] = {"campaign": CAMPAIGN, "search": SEARCH
 ENDED = ("done", "cancelled")
 
 
-def may_change(noun: str, old: str, new: str) -> bool:
-    """Return whether a campaign, search or job may go from one state to another."""
-    return new in TRANSITIONS[noun][old]
-
-
 def sources(noun: str, new: str) -> list[str]:
     """Return the states from which one can be reached."""
     return [old for old, following in TRANSITIONS[noun].items() if new in following]

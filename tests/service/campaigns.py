@@ -86,3 +86,8 @@ def content(store: Store):
     """Return all that a campaign found, without what may differ between two runs of it."""
     volatile = {"created_at", "cpu_seconds", "wall_seconds", "host", "campaign_id", "search_id"}
     return [record.model_dump(exclude=volatile) for record in store.all_records(Filter())]
+
+
+def dispatcher_pid(coordinator):
+    """Return the process id of the dispatcher that a coordinator runs."""
+    return coordinator._supervisor.pid

@@ -1,11 +1,9 @@
 import math
-from itertools import combinations
 
 import numpy as np
 import pytest
 
 from core.analysis.metrics import (
-    best_of,
     delta_v_km_s,
     exhaust_velocity_km_s,
     feasibility_ratio,
@@ -121,31 +119,3 @@ def test_a_product_with_no_successes_has_an_upper_end_alone():
     assert found[:2] == (0.0, 0.0)
     assert found.high == pytest.approx(wilson_interval(0, 20)[1] * wilson_interval(5, 10)[1], rel=1e-15)
     assert math.isnan(product_ratio([feasibility_ratio(0, 0), feasibility_ratio(5, 10)]).value)
-
-
-@pytest.mark.parametrize("n", [1, 2, 3, 6, 7])
-def test_the_best_of_n_is_that_of_all_ways_to_draw_them(n):
-    masses, inf = [300.0, 170.0, 210.0], math.inf
-    least = [min(drawn) for drawn in combinations([*masses, inf, inf, inf, inf], n)]
-    found = [mass for mass in least if mass < inf]
-    best = best_of(n, 7, masses)
-    assert best.chance == pytest.approx(len(found) / len(least), rel=1e-14)  # rounding
-    assert best.expected_kg == pytest.approx(sum(found) / len(found), rel=1e-14)  # rounding
-
-
-def test_the_expected_least_of_n_ranks_is_known():
-    # Of 1 .. N without replacement: (N + 1)/(n + 1); 90 % of the least of 9 in 999 are between 6 and 282.
-    best = best_of(9, 999, np.arange(1.0, 1000.0))
-    assert (best.chance, best.expected_kg) == (1.0, pytest.approx(100.0, rel=1e-12))  # rounding
-    for end, share in ((best.low_kg, 0.05), (best.high_kg, 0.95)):
-        chances = [1 - math.comb(int(999 - rank), 9) / math.comb(999, 9) for rank in (end - 1, end)]
-        assert chances[0] < share <= chances[1]
-
-
-def test_what_a_sample_cannot_tell_of_the_best_is_no_number():
-    assert math.isnan(best_of(11, 10, [1.0]).expected_kg)
-    assert best_of(3, 10, []).chance == 0.0 and math.isnan(best_of(3, 10, []).expected_kg)
-    with pytest.raises(
-        ValueError, match="counts: expected guesses >= 1 and solves >= solutions, got 0, 10 and 1"
-    ):
-        best_of(0, 10, [1.0])

@@ -6,7 +6,6 @@ from math import isnan
 import pytest
 
 from core.analysis.campaign_statistics import (
-    best_of_group,
     case_name,
     cost_of,
     count_distinct,
@@ -126,14 +125,6 @@ def test_a_row_is_flat_and_holds_none_where_nothing_is_known():
     assert cells["cost_per_strict_core_hours"] is None and cells["propellant_kg_mean"] is None
     assert cells["propellant_kg_n"] == 0 and cells["strategy"] == "S(0)"
     assert json.dumps(cells, allow_nan=False)
-
-
-def test_the_best_of_a_group_counts_its_failures():
-    solves = [solved("a", 300.0), solved("b", 200.0, is_strict=False), failed(), failed()]
-    best = best_of_group(solves, 2)
-    # Of six pairs three hold the only strict solution.
-    assert (best.n_solves, best.n_solutions, best.chance, best.expected_kg) == (4, 1, 0.5, 300.0)
-    assert best_of_group(solves, 4, "paper").expected_kg == 200.0
 
 
 def test_yields_tell_seeds_solves_and_solutions_of_each_pair_in_order():

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from core.constants import MU_CR3BP
-from core.orbits.nrho import HaloError, halo_of_period, jacobi_constant
+from core.orbits.nrho import HaloError, halo_of_period
 from core.units import LU_KM
+from tests.core.orbits.jacobi import jacobi_constant
 
 # Period, x, z and vy at apolune, Jacobi constant, perilune and apolune radius [km].
 ROWS = [

@@ -5,10 +5,11 @@ import pytest
 
 from core.constants import MU_CR3BP
 from core.ephemeris import body_table, state_at
-from core.orbits.nrho import halo_of_period, jacobi_constant
+from core.orbits.nrho import halo_of_period
 from core.orbits.rotating import jacobi, rotating_frame, to_inertial
 from core.problem import seconds_past_j2000
 from core.units import TU_DAYS
+from tests.core.orbits.jacobi import jacobi_constant
 
 #: A Moon on a circle of 1 LU with the mean motion 1/TU.
 CIRCULAR = np.array([[0.6, 0.8, 0.0], [-0.8, 0.6, 0.0], [-0.6, -0.8, 0.0]])

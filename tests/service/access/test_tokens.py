@@ -5,15 +5,17 @@ import pytest
 from fastapi.testclient import TestClient
 
 from service.api import events
-from service.api.jobs import HEARTBEAT
 from service.app import create_app
 from service.auth.network import Access
-from service.auth.rights import ANYONE, QUESTIONS, RIGHTS, least, lines_of
+from service.auth.rights import ANYONE, QUESTIONS, RIGHTS, least
 from service.schemas.identity import Role
 from service.settings import Settings
 from service.store import Store, StoreError, UnknownRow
 from service.store.identity import COOKIE, SESSION_S, RefusedToken, TakenName, hashed, new_secret, taken_apart
+from tests.api_examples import example_of
 from tests.service.campaigns import spec_fields
+from tests.service.routes import lines_of
+from workers.messages import HeartbeatRequest
 
 API = "/api/v1"
 URL = "http://127.0.0.1:8741"
@@ -229,7 +231,9 @@ def test_each_changing_request_is_in_the_audit_refused_or_not(client, store, tok
 
 def test_what_workers_do_is_in_the_audit_only_where_it_is_refused(client, store, token):
     url, headers = f"{API}/jobs/heartbeat", bearer(token("worker"))
-    assert client.post(url, json=HEARTBEAT, headers=headers).status_code in (200, 409)
+    assert client.post(
+        url, json=example_of(HeartbeatRequest).model_dump(mode="json"), headers=headers
+    ).status_code in (200, 409)
     assert store.identities.audit(9).items == []
     client.post(url, json={}, headers=headers)
     client.post(f"{API}/campaigns", json={}, headers=headers)

@@ -22,11 +22,12 @@ from service.auth.network import (
     REPORT_PATHS,
 )
 from service.auth.request_limits import PATIENCE_S
-from service.auth.rights import RIGHTS, least, line_of, lines_of
+from service.auth.rights import RIGHTS, least, line_of
 from service.cli import app_of
 from service.settings import Settings
 from service.store import leases
 from service.store.statistics import Reading
+from tests.service.routes import lines_of
 from workers.messages import Ending
 
 DOCS = Path(__file__).parents[3] / "docs"

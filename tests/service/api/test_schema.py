@@ -15,13 +15,13 @@ from schemathesis.specs.openapi import checks
 
 from service.app import create_app
 from service.auth.network import Access
-from service.auth.rights import lines_of
 from service.dashboard.assets import VIEWS
 from service.schemas.identity import Role
 from service.settings import Settings
 from service.store import Store
 from service.store.solutions import Filter
 from tests.service.campaigns import finish, spec_fields, submitted
+from tests.service.routes import lines_of
 from tests.workers.jobs import worker_info
 
 #: What allowed data may still be refused for (a row that is not there, fields that do not go together) no

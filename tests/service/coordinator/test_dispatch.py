@@ -18,7 +18,7 @@ from service.db.errors import WriteFault
 from service.scheduler.plan import LeaseSettings
 from service.schemas.identity import Role
 from service.store import Store
-from tests.service.campaigns import content, finish, spec_fields, submitted
+from tests.service.campaigns import content, dispatcher_pid, finish, spec_fields, submitted
 from tests.service.databases import rows
 from tests.service.fake_coastarc import LEASE
 from tests.workers.jobs import worker_info
@@ -115,13 +115,13 @@ def test_a_killed_dispatcher_is_replaced_and_its_jobs_run_again_after_their_leas
     campaign_id = submitted(coordinator.store, spec_fields(24))
     coordinator.work(Crew(2, ExecutorKind.PROCESS, SLOW), campaign_id)
     wait_for(lambda: n_done(coordinator.store) >= 3)
-    pid = coordinator.dispatcher_pid
+    pid = dispatcher_pid(coordinator)
     # Handed over by a pipe: no list of processes and no environment shows the token.
     shown = Path(f"/proc/{pid}/cmdline").read_bytes() + Path(f"/proc/{pid}/environ").read_bytes()
     assert b"coastarc_" not in shown
     os.kill(pid, signal.SIGKILL)
     wait_for(lambda: is_done(coordinator.store, campaign_id))
-    assert coordinator.dispatcher_pid != pid
+    assert dispatcher_pid(coordinator) != pid
     coordinator.raise_fault()
     assert content(coordinator.store) == expected
 
@@ -133,13 +133,13 @@ def test_an_admin_who_revokes_the_token_of_the_own_dispatcher_does_no_harm(tmp_p
     campaign_id = submitted(store, spec_fields(24))
     coordinator.work(Crew(2, ExecutorKind.PROCESS, SLOW), campaign_id)
     wait_for(lambda: n_done(store) >= 2)
-    pid = coordinator.dispatcher_pid
+    pid = dispatcher_pid(coordinator)
     (own,) = [token.name for token in store.identities.tokens() if token.name != "me"]
     store.identities.revoke(own)
     wait_for(lambda: is_done(store, campaign_id))
     coordinator.raise_fault()
     # The same process, with another token; what it worked on meanwhile is its own still.
-    assert coordinator.dispatcher_pid == pid and content(store) == expected
+    assert dispatcher_pid(coordinator) == pid and content(store) == expected
     assert rows(store, "SELECT count(*) FROM attempt WHERE attempt > 1 OR ending = 'lost'") == [(0,)]
     assert rows(store, "SELECT count(*) FROM audit WHERE status = 401")[0][0] < 10
 

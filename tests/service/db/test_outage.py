@@ -9,7 +9,6 @@ import httpx
 import pytest
 from fastapi.testclient import TestClient
 
-from service.api.jobs import HAND_IN
 from service.app import create_app
 from service.auth.network import Access
 from service.coordinator import Coordinator, Crew, coordinator
@@ -20,12 +19,14 @@ from service.scheduler.plan import LeaseSettings
 from service.schemas.identity import Role
 from service.settings import Settings
 from service.store import Store
+from tests.api_examples import example_of
 from tests.service.api.test_schema import OPERATIONS
-from tests.service.campaigns import content, finish, spec_fields, submitted
+from tests.service.campaigns import content, dispatcher_pid, finish, spec_fields, submitted
 from tests.service.coordinator.test_dispatch import SLOW, undisturbed, wait_for
 from tests.service.databases import needs_postgres, rows
 from tests.workers.jobs import worker_info
 from workers.dispatch import ExecutorKind
+from workers.messages import HandInRequest
 
 pytestmark = [pytest.mark.postgres, needs_postgres]
 
@@ -103,7 +104,7 @@ def asked(client, verb, path):
         "/api/v1/problems": {"preset": "ppe-drm3"},
         "/api/v1/jobs/claim": {"worker": worker_info().model_dump(), "n_jobs": 1},
         "/api/v1/jobs/heartbeat": {"worker": worker_info().model_dump()},
-        "/api/v1/jobs/hand-in": HAND_IN,
+        "/api/v1/jobs/hand-in": example_of(HandInRequest).model_dump(mode="json"),
         "/api/v1/jobs/complete": {"job_id": 1, "attempt": 1, "outcome": {"ending": "crash"}},
         "/api/v1/jobs/complete-many": {
             "reports": [{"job_id": 1, "attempt": 1, "outcome": {"ending": "crash"}}]
@@ -212,7 +213,7 @@ def test_outcomes_that_end_while_the_server_is_away_are_handed_in_and_nothing_ru
         time.sleep(0.5)
         kept = sorted(int(path.name.split("-")[1]) for path in outbox.glob("*.json"))
         if dies:
-            os.kill(running.dispatcher_pid, signal.SIGKILL)
+            os.kill(dispatcher_pid(running), signal.SIGKILL)
         away.go_on()
         wait_for(lambda: running.store.campaign(campaign).state == "done")
         assert content(running.store) == expected and list(outbox.glob("*.json")) == []

@@ -11,7 +11,7 @@ from service.coordinator import Coordinator, Crew
 from service.integrity.check import check
 from service.scheduler.plan import LeaseSettings
 from service.store import Store, StoreError
-from tests.service.campaigns import content, finish, spec_fields, submitted
+from tests.service.campaigns import content, dispatcher_pid, finish, spec_fields, submitted
 from tests.service.clock import Clock
 from tests.service.coordinator.test_dispatch import wait_for
 from tests.service.databases import rows
@@ -192,7 +192,7 @@ def test_a_killed_worker_costs_a_hop_and_not_its_chain(tmp_path, expected):
         campaign = submitted(running.store, fields())
         running.work(Crew(2, ExecutorKind.PROCESS, HANDING_IN), campaign)
         wait_for(lambda: 3 <= running.store.campaign(campaign).n_solves)
-        for child in psutil.Process(running.dispatcher_pid).children():
+        for child in psutil.Process(dispatcher_pid(running)).children():
             os.kill(child.pid, signal.SIGKILL)
         wait_for(lambda: running.store.campaign(campaign).state == "done")
         assert content(running.store) == expected
