@@ -215,7 +215,11 @@ def test_a_certificate_is_shown_when_there_is_one_and_else_how_to_make_it(archiv
     page = visit(f"{url}/solutions/{solution_id}")
     assert f"coastarc solutions verify {solution_id[:8]}" in page.inner_text("#certificate")
     example = example_of(CertificateDocument)
-    content = example.content.model_copy(update={"solution_id": solution_id, "marks": ("too low",)})
+    first, *others = example.content.trajectories
+    missed = first.through.model_copy(update={"arrival_miss": (0.1391, 6.38e-7)})
+    flown = (first.model_copy(update={"through": missed}), *others)
+    changes = {"solution_id": solution_id, "marks": ("too low",), "trajectories": flown}
+    content = example.content.model_copy(update=changes)
     store.certificates.add(example.model_copy(update={"content": content}), "here")
     page = visit(f"{url}/solutions/{solution_id}")
     assert example.hash == page.inner_text("#certificate-hash") and "too low" in page.inner_text(
