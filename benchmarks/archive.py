@@ -14,8 +14,7 @@ from benchmarks.load import PROVENANCE
 from core.constants import SECONDS_PER_DAY
 from core.problem import calendar_epoch, content_hash
 from service.db.dialect import FILL_TALLIES, TOTALS, insert_new, plain
-from service.db.engine import Database
-from service.db.place import place_of
+from service.db.engine import Database, place_of
 from service.db.tables import (
     AttemptRow,
     Base,

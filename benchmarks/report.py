@@ -13,7 +13,7 @@ import typer
 
 from benchmarks.archive import fill
 from service.cli.options import Json
-from service.db.place import URL_VARIABLE, place_of
+from service.db.engine import URL_VARIABLE, place_of
 from service.report import write_report
 from service.spec import load_spec
 from service.store import Store

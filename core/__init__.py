@@ -41,9 +41,9 @@ _MODULES = ("problem", "orbits", "transcription", "nlp", "search", "verification
 def __getattr__(name: str) -> Any:
     if name in __all__:
         for module in _MODULES:
-            found = vars(import_module(f"core.{module}"))
-            if name in found:
-                return found[name]
+            found = import_module(f"core.{module}")
+            if name in getattr(found, "__all__", vars(found)):
+                return getattr(found, name)
     raise AttributeError(f"module 'core' has no attribute {name!r}")
 
 

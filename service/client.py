@@ -24,7 +24,7 @@ from service.schemas.job import EventPage, EventView, JobPage, JobView, WorkerPa
 from service.schemas.problem import ProblemView
 from service.schemas.search import PriorityWanted, WeightWanted
 from service.schemas.solution import MissedThrustPage, RecordInFull, RecordPage, Reproduction, SeedPage
-from service.store.seeds import SeedsWanted
+from service.spec.spec import SeedChoices
 from workers.client import TIMEOUT_S, Api, ApiError, Rejected
 from workers.messages import Unreachable
 
@@ -234,7 +234,7 @@ class Client:
         """Return a problem."""
         return self._ask("problem", ProblemView, problem_hash=problem_hash)
 
-    def seeds_of_search(self, campaign_id: int, search: str, wanted: SeedsWanted) -> SeedPage:
+    def seeds_of_search(self, campaign_id: int, search: str, wanted: SeedChoices) -> SeedPage:
         """Return what would seed a search, and how."""
         return self._ask("seeds", SeedPage, campaign=campaign_id, search=search, **_choice(wanted))
 
@@ -243,7 +243,7 @@ class Client:
         problem_hash: str,
         outages: Sequence[tuple[int, float]] | None,
         seed_k: int | None,
-        wanted: SeedsWanted,
+        wanted: SeedChoices,
     ) -> SeedPage:
         """Return which solutions would seed a problem, and how."""
         outage = None if outages is None else [f"{segment}:{days!r}" for segment, days in outages]
@@ -300,7 +300,7 @@ def _whole(solution_id: str) -> str:
     return solution_id
 
 
-def _choice(wanted: SeedsWanted) -> dict[str, Any]:
+def _choice(wanted: SeedChoices) -> dict[str, Any]:
     mapping = None if wanted.mapping is None else list(wanted.mapping)
     return {"order": wanted.order, "limit": wanted.limit, "tolerance": wanted.tolerance, "mapping": mapping}
 

@@ -15,7 +15,7 @@ import yaml
 from service.auth.rights import ANYONE, RIGHTS
 from service.cli import app_of
 from service.cli.options import DEFAULT_PORT
-from service.db.place import URL_VARIABLE, database_url
+from service.db.engine import URL_VARIABLE, database_url
 from service.settings import PREFIX, Settings
 
 ROOT = Path(__file__).parents[1]

@@ -11,7 +11,6 @@ import time
 from collections import Counter
 from collections.abc import Callable
 
-from workers.client import Awake, Backoff, Outage
 from workers.executor import Executor, ExecutorError, Finished, Ticket
 from workers.heartbeat import Heartbeat
 from workers.messages import (
@@ -37,6 +36,7 @@ from workers.messages import (
     wall_limit_s,
 )
 from workers.outbox import Outbox
+from workers.patience import Awake, Backoff, Outage
 from workers.process_tree import Usage
 
 __all__ = ["Dispatcher", "StaleAttempt"]

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Self
 
-from workers.client import Backoff, Outage
 from workers.executor import Ticket
 from workers.messages import (
     MOST_HELD,
@@ -17,6 +16,7 @@ from workers.messages import (
     Unreachable,
     WorkerInfo,
 )
+from workers.patience import Backoff, Outage
 
 #: How soon after its start a worker is heard of, before it knows how often it has to be [s].
 FIRST_PERIOD_S = 0.25

@@ -30,7 +30,6 @@ from core.search import (
 from core.tolerances import PAPER, violation
 from core.transcription import TOLERANCE, Transcription
 from workers.certify import certificate, trajectory
-from workers.client import Awake
 from workers.messages import (
     KIND_NUMBERS,
     LONGEST_ERROR,
@@ -46,6 +45,7 @@ from workers.messages import (
     Settings,
     SolveRecord,
 )
+from workers.patience import Awake
 from workers.process_tree import require_one_thread
 from workers.provenance import provenance
 

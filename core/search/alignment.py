@@ -1,11 +1,8 @@
-"""Realizations laid on the paths of a seed at the same epochs, and what is held of the thrust they miss.
+"""Realizations placed on the paths of a seed at the same epochs, and a seed on a finer mesh.
 
-docs/method.md, section 8: the forms `aligned` and `continued`.
-
-A seed cut finer: the same flight in a multiple of its segments, as a guess for a problem of its own.
-
-Nothing is lost: each control is repeated, so the thrust is the same function of time, and what follows is
-the solver's gain alone.  docs/method.md, eqs. S26 and S27.
+The forms `aligned` and `continued` of docs/method.md, section 8.  Mesh refinement loses nothing: each control
+is repeated, so the thrust is the same function of time, and what follows is the solver's gain alone; eqs. S26
+and S27.
 """
 
 from functools import cached_property
@@ -14,7 +11,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from core.problem import Outage, Problem, problem_from
+from core.problem import Outage, Problem
+from core.search.settings import check_refinement
 from core.transcription import (
     FlownPath,
     Guess,
@@ -176,50 +174,6 @@ def _controls(path: FlownPath, edges: Array) -> Array:
     if first >= 1 and np.allclose(edges[[0, -1]], [path.boundary_time(first), path.edges[-1]], 0, slack):
         return path.controls[first - 1 :]
     return control_of(np.array([path.mean_throttle(a, b) for a, b in pairwise(edges)]))
-
-
-#: What the mapping is called.
-REFINED = "refined"
-
-
-def refined_problem(problem: Problem, n_segments: int) -> Problem:
-    """Return a problem with more segments, its outages at the same times.
-
-    Parameters
-    ----------
-    problem : Problem
-        P_k.
-    n_segments : int
-        Segments of the reference [-], a multiple of those that it has.
-
-    Raises
-    ------
-    ValueError
-        When it is no multiple, or one of 1.
-    """
-    factor, rest = divmod(n_segments, problem.n_segments)
-    if rest or factor < 2:
-        raise ValueError(
-            f"segments: expected a multiple of {problem.n_segments} and more than that, got {n_segments}"
-        )
-    outages = [refined_outage(factor, outage).model_dump() for outage in problem.outages]
-    return problem_from(problem.model_dump(mode="json") | {"n_segments": n_segments, "outages": outages})
-
-
-def refined_outage(factor: int, outage: Outage) -> Outage:
-    """Return an outage that begins at the same time where each segment was cut in `factor` [-]."""
-    return Outage(segment=factor * (outage.segment - 1) + 1, duration_days=outage.duration_days)
-
-
-def check_refinement(problem_from: Problem, problem_to: Problem) -> int:
-    """Return how many segments of P_k a segment of the seed's problem becomes, or raise ValueError."""
-    finer = refined_problem(problem_from, problem_to.n_segments)
-    if finer.hash != problem_to.hash:
-        raise ValueError(
-            "seed: expected a problem that differs in its number of segments alone, its outages at the same "
-            "times, got another one"
-        )
-    return problem_to.n_segments // problem_from.n_segments
 
 
 def refined_guess(problem_from: Problem, x: Array, problem_to: Problem) -> Guess:

@@ -1,16 +1,14 @@
 """The distributions that guesses are drawn from."""
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
 from core.search.mapping import onto_realizations
+from core.search.settings import GUESS_LAWS
 from core.transcription import Transcription, control_of, fly_arc, target_state
 from core.units import TU_DAYS
 
 Array = NDArray[np.float64]
-Law = Callable[[Transcription, np.random.Generator], Array]
 
 #: Deviation of the thrust angles from those of the velocity [rad].
 CONE_RAD = 0.3
@@ -40,7 +38,8 @@ def sample_guess(transcription: Transcription, rng: np.random.Generator, law: st
     """
     if law not in GUESS_LAWS:
         raise ValueError(f"guess law: expected one of {', '.join(GUESS_LAWS)}, got {law!r}")
-    return GUESS_LAWS[law](transcription, rng)
+    draw = _uniform if law == "uniform" else _thrust_coast_thrust
+    return draw(transcription, rng)
 
 
 def _uniform(transcription: Transcription, rng: np.random.Generator) -> Array:
@@ -101,4 +100,3 @@ def _steer(transcription: Transcription, x: Array, throttles: Array, swing: Arra
 
 
 #: The laws by name.
-GUESS_LAWS: dict[str, Law] = {"uniform": _uniform, "thrust-coast-thrust": _thrust_coast_thrust}

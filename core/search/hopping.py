@@ -1,183 +1,22 @@
 """Monotonic basin hopping: one chain of perturb, solve, accept, as ask and tell.
 
 docs/method.md, section 7.
-
-The distributions that hops are drawn from, one component alike to the next.
-
-A step r is in units of the width of its component's bounds.  Every law is symmetric about zero and has one
-scale, its width: r = width * (a step of width 1).  docs/method.md, section 7, eqs. S10 to S13.
-
-Where a hop stands in a campaign, and the random numbers that follow from that alone.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from core.nlp import Outcome
-from core.search.guess_laws import GUESS_LAWS, sample_guess
+from core.search.guess_laws import sample_guess
+from core.search.settings import LEARNING_RATE, SUCCESS_SHARE, HopSettings, draw_steps
 from core.transcription import Transcription
 
 Array = NDArray[np.float64]
 
-#: Least and greatest shape of a law.  Below the least, steps would overflow: (2^53)^(1/0.1) is still finite.
-SHAPES = (0.1, 10.0)
-#: Where the tails are cut, in widths of the bounds.  Any other component has long reached its bound, and an
-#: in-plane angle still keeps 1e-9 rad of its place after so many turns.
-LONGEST_STEP = 1e6
-
-
-@dataclass(frozen=True, slots=True)
-class HopLaw:
-    """A symmetric law of steps, with the parameters it has where none are given."""
-
-    #: Draws (n,) steps of width 1, from a generator, n and the shape.
-    draw: Callable[[np.random.Generator, int, float], Array]
-    #: Width of the law [-].
-    width: float
-    #: Exponent of the tail [-]; None for a law that has none.
-    shape: float | None = None
-
-
-def _uniform(rng: np.random.Generator, n: int, shape: float) -> Array:
-    return 2.0 * rng.random(n) - 1.0
-
-
-def _gaussian(rng: np.random.Generator, n: int, shape: float) -> Array:
-    return rng.standard_normal(n)
-
-
-def _cauchy(rng: np.random.Generator, n: int, shape: float) -> Array:
-    steps: Array = np.tan(np.pi * (rng.random(n) - 0.5))
-    return steps
-
-
-def _pareto(rng: np.random.Generator, n: int, shape: float) -> Array:
-    signs = np.where(rng.random(n) < 0.5, -1.0, 1.0)
-    # The generator may return 0 but never 1, and 0 has no inverse.
-    steps: Array = signs * (1.0 - rng.random(n)) ** (-1.0 / shape)
-    return steps
-
-
-#: The laws by name, with widths from docs/method.md, section 7; the Pareto law's are EMTG's preset.
-HOP_LAWS: dict[str, HopLaw] = {
-    "uniform": HopLaw(_uniform, 0.1),
-    "gaussian": HopLaw(_gaussian, 0.05),
-    "cauchy": HopLaw(_cauchy, 1e-3),
-    "pareto": HopLaw(_pareto, 2.52e-6, 1.0 / 1.4),
-}
-
-
-def draw_steps(
-    law: str, n: int, rng: np.random.Generator, width: float | None = None, shape: float | None = None
-) -> Array:
-    """Return independent steps of a law, in units of the width of the bounds.
-
-    Parameters
-    ----------
-    law : str
-        A name of `HOP_LAWS`.
-    n : int
-        How many [-].
-    rng : Generator
-        Source of the numbers.
-    width : float, optional
-        Scale of the law [-]; its own where none is given.
-    shape : float, optional
-        Exponent of the tail [-]; its own where none is given, and without effect if it has none.
-
-    Returns
-    -------
-    (n,) array
-        Steps, finite and at most `LONGEST_STEP` [-].
-
-    References
-    ----------
-    docs/method.md, eqs. S10 to S13.
-    """
-    chosen = HOP_LAWS[law]
-    exponent = (chosen.shape if shape is None else shape) or np.inf
-    steps = (chosen.width if width is None else width) * chosen.draw(rng, n, exponent)
-    return np.clip(steps, -LONGEST_STEP, LONGEST_STEP)
-
 
 Indices = NDArray[np.intp]
-
-#: How fast an adaptive width learns, and the share of successes at which it stands still [-]; eq. S14.
-LEARNING_RATE, SUCCESS_SHARE = 0.3, 0.05
-#: Least and greatest reach of an adaptive law [-]; eq. S15.
-REACHES = (1e-4, 0.5)
-
-
-@dataclass(frozen=True, slots=True)
-class HopSettings:
-    """How a chain draws its starts and its hops; a number out of range raises ValueError.
-
-    The names are those of a campaign's specification.
-    """
-
-    #: A name of `GUESS_LAWS`.
-    guess_law: str = "uniform"
-    #: A name of `HOP_LAWS`.
-    hop_law: str = "uniform"
-    #: Scale of the hop law [-], in widths of the bounds; None for the law's own.
-    hop_width: float | None = None
-    #: Exponent of the law's tail [-]; None for the law's own, and for a law without one.
-    hop_shape: float | None = None
-    #: Whether the width follows the chain's own successes.
-    adaptive: bool = False
-    #: Chance of each time to be drawn afresh in a hop [-].
-    time_hop_probability: float = 0.0
-    #: Hops in a row that may fail before the chain starts afresh [-].
-    max_failures: int = 5
-
-    def __post_init__(self) -> None:
-        """Refuse what no chain can do."""
-        for name, laws in (("guess_law", GUESS_LAWS), ("hop_law", HOP_LAWS)):
-            if getattr(self, name) not in laws:
-                raise ValueError(f"{name}: expected one of {', '.join(laws)}, got {getattr(self, name)!r}")
-        if self.hop_width is not None and not 0.0 < self.hop_width <= 1.0:
-            raise ValueError(f"hop_width: expected a number in (0, 1], got {self.hop_width}")
-        if self.hop_shape is not None:
-            self._check_shape(self.hop_shape)
-        if not 0.0 <= self.time_hop_probability <= 1.0:
-            raise ValueError(
-                f"time_hop_probability: expected a number in [0, 1], got {self.time_hop_probability}"
-            )
-        if self.max_failures < 1:
-            raise ValueError(f"max_failures: expected at least 1, got {self.max_failures}")
-        low, high = self.width_range
-        if self.adaptive and not low <= self.width <= high:
-            raise ValueError(
-                f"hop_width: expected a number in [{low:.2g}, {high:.2g}] for an adaptive "
-                f"{self.hop_law} law, got {self.width:.3g}"
-            )
-
-    def _check_shape(self, shape: float) -> None:
-        if HOP_LAWS[self.hop_law].shape is None:
-            raise ValueError(f"hop_shape: expected none for a {self.hop_law} law, got {shape}")
-        if not SHAPES[0] <= shape <= SHAPES[1]:
-            raise ValueError(f"hop_shape: expected a number in [{SHAPES[0]:g}, {SHAPES[1]:g}], got {shape}")
-
-    @property
-    def width(self) -> float:
-        """Scale of the hop law at the start of a chain [-]."""
-        return HOP_LAWS[self.hop_law].width if self.hop_width is None else self.hop_width
-
-    @property
-    def shape(self) -> float | None:
-        """Exponent of the hop law's tail [-], if it has one."""
-        return HOP_LAWS[self.hop_law].shape if self.hop_shape is None else self.hop_shape
-
-    @property
-    def width_range(self) -> tuple[float, float]:
-        """Least and greatest width of an adaptive law [-], eq. S15."""
-        # A minimum says little of a heavy tail; the step that 99 in 100 components keep within says more.
-        reach = 1.0 if self.shape is None else 100.0 ** (1.0 / self.shape)
-        return REACHES[0] / reach, REACHES[1] / reach
 
 
 def hop(
@@ -357,30 +196,3 @@ class Chain:
         low, high = self.settings.width_range
         wider = self.width * np.exp(LEARNING_RATE * (has_won - SUCCESS_SHARE))
         self.width = float(min(max(wider, low), high))
-
-
-class HopAddress(NamedTuple):
-    """The place of one hop: integers only, no worker, attempt or time."""
-
-    #: 0 for a hop job, 1 for a map job.
-    kind: int
-    #: Number of the search in its campaign, and of the case in its search.
-    search: int
-    case: int
-    #: Number of the chain; for a map job the seed's solution hash read as an integer.
-    chain: int
-    #: Number of the hop in its chain.
-    hop: int
-
-
-def hop_rng(rng_seed: int, address: HopAddress) -> np.random.Generator:
-    """Return the generator of one hop: the same wherever and however often it runs.
-
-    Parameters
-    ----------
-    rng_seed : int
-        The random-number seed of the campaign [-].
-    address : HopAddress
-        The hop.
-    """
-    return np.random.default_rng(np.random.SeedSequence(rng_seed, spawn_key=tuple(address)))

@@ -16,7 +16,7 @@ from service.schemas.campaign import CampaignCards, CampaignView, HistoryView, T
 from service.schemas.search import PriorityWanted, WeightWanted
 from service.solutions.export import ZIP
 from service.spec import spec_from
-from service.spec.spec import require_flyable
+from service.spec.spec_check import require_flyable
 from service.store import Store
 from service.store.archive_files import file_name, packed, pieces, take_in_file
 

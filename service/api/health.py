@@ -13,7 +13,8 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from core.ephemeris.kernels import kernel_paths
 from service.api.context import StoreHere
-from service.db.engine import CLASSES_S, DatabaseError
+from service.db.engine import CLASSES_S
+from service.db.errors import DatabaseError
 from service.db.tables import CAMPAIGN_STATES, ENDINGS, JOB_STATES
 from service.schemas.answer import Fault, Health
 from service.store import Store

@@ -11,7 +11,7 @@ from service.api.context import Hash, HeavyHere, StoreHere
 from service.dashboard.structure import structure_of
 from service.schemas.problem import ProblemFamily, ProblemPage, ProblemStructure, ProblemView
 from service.spec import problem_without_files
-from service.spec.spec import require_flyable
+from service.spec.spec_check import require_flyable
 from service.store import Store
 
 router = APIRouter(tags=["problems"])

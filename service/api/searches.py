@@ -9,8 +9,8 @@ from service.api.context import After, CampaignWanted, Id, Limit, SearchWanted, 
 from service.schemas.search import HopsView, SearchDetail
 from service.schemas.solution import SeedPage
 from service.spec.search_spec import SeedOrder
+from service.spec.spec import SeedChoices
 from service.store.jobs import MOST
-from service.store.seeds import SeedsWanted
 
 router = APIRouter(tags=["campaigns"])
 
@@ -76,7 +76,7 @@ def list_seeds(
     A search brings its own order, tolerance and mappings, and tells which jobs it has planned already; for a
     problem the whole archive is looked through.
     """
-    wanted = SeedsWanted(order, limit, tolerance, None if mapping is None else tuple(mapping))
+    wanted = SeedChoices(order, limit, tolerance, None if mapping is None else tuple(mapping))
     if problem is None and campaign is not None and search is not None and outage is None and k is None:
         return store.seeds_of_search(campaign, search, wanted)
     if problem is not None and campaign is None and search is None:

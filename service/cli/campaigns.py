@@ -18,7 +18,7 @@ from service.cli.command import complain
 from service.cli.options import DATA, DEFAULT_URL, Data, Json, MaybeUrl, Url, client_of, console, print_json
 from service.client import Client, ClientError, Verb
 from service.coordinator.lock import FolderLock, LockError
-from service.db.place import make_folder
+from service.db.engine import make_folder
 from service.db.transitions import ENDED
 from service.new_file import write_new
 from service.schemas.answer import Answer
@@ -26,9 +26,9 @@ from service.schemas.campaign import CampaignItem, CampaignView, TakenInView
 from service.schemas.job import EventView, JobPage, JobView, WorkerPage, WorkerView
 from service.schemas.solution import SeedPage
 from service.spec.search_spec import SeedOrder
+from service.spec.spec import SeedChoices
 from service.store import Store
 from service.store.archive_files import file_name, portable, take_in_file
-from service.store.seeds import SeedsWanted
 from workers.client import PASSING
 
 Campaign = Annotated[str, typer.Argument(help="Id or name of a campaign.")]
@@ -57,7 +57,7 @@ class Readable(Protocol):
     def jobs(self, campaign: int | None, search: str | None, state: str | None, limit: int) -> JobPage:
         """Return a page of jobs."""
 
-    def seeds_of_search(self, campaign_id: int, search: str, wanted: SeedsWanted) -> SeedPage:
+    def seeds_of_search(self, campaign_id: int, search: str, wanted: SeedChoices) -> SeedPage:
         """Return what would seed a search."""
 
     def seeds_of_problem(
@@ -65,7 +65,7 @@ class Readable(Protocol):
         problem_hash: str,
         outages: list[tuple[int, float]] | None,
         seed_k: int | None,
-        wanted: SeedsWanted,
+        wanted: SeedChoices,
     ) -> SeedPage:
         """Return what would seed a problem."""
 
@@ -228,7 +228,7 @@ def seeds(
     as_json: Json = False,
 ) -> None:
     """Show which solutions would seed a search or a problem, and by which mapping."""
-    wanted = SeedsWanted(order, limit, tolerance, tuple(mapping) if mapping else None)
+    wanted = SeedChoices(order, limit, tolerance, tuple(mapping) if mapping else None)
     with readable(data, url) as source:
         if problem is not None and campaign is None and search is None:
             outages = [_outage(text) for text in outage] if outage else None

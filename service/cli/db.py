@@ -12,9 +12,10 @@ from service.cli import terminal
 from service.cli.options import DATA, Data, Json
 from service.coordinator.lock import FolderLock
 from service.db.backup import backup, restore
+from service.db.engine import make_folder, place_of, shown
 from service.db.errors import DatabaseError, no_archive
-from service.db.place import make_folder, place_of, shown, upgrade, version_of
 from service.db.tables import SCHEMA_VERSION
+from service.db.upgrade import upgrade, version_of
 from service.integrity.check import check
 from service.integrity.repair import repair
 from service.schemas.answer import Check

@@ -36,7 +36,7 @@ from service.db.transitions import ENDED
 from service.schemas.campaign import CampaignView
 from service.schemas.job import JobView
 from service.spec import load_spec
-from service.spec.spec import require_flyable
+from service.spec.spec_check import require_flyable
 from service.store import Store
 from workers.dispatch import RUNNER, ExecutorKind
 

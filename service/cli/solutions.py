@@ -60,7 +60,7 @@ from service.solutions.verification import (
     verify_solutions,
     wanted_ids,
 )
-from service.spec.spec import require_flyable
+from service.spec.spec_check import require_flyable
 from service.store import Store
 from service.store.filters import Order, Sort, filter_of
 from workers.dispatch import ExecutorKind

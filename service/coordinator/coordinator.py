@@ -30,13 +30,13 @@ from service.coordinator.connections import PatientProtocol, most_connections
 from service.coordinator.lock import FolderLock, openness
 from service.coordinator.reaper import Reaper
 from service.coordinator.supervisor import LEAVE_S, Supervisor
-from service.db.engine import Unavailable, WriteFault, unusable
+from service.db.errors import Unavailable, WriteFault, unusable
 from service.scheduler.plan import LeaseSettings
 from service.schemas.identity import Role
 from service.settings import Settings
 from service.store import Store
-from workers.client import Outage
 from workers.dispatch import RUNNER, DispatchOrder, ExecutorKind
+from workers.patience import Outage
 
 log = logging.getLogger(__name__)
 

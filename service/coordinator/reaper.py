@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from service.db.engine import Unavailable
+from service.db.errors import Unavailable
 from service.store import Store
 
 log = logging.getLogger(__name__)

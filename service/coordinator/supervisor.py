@@ -17,8 +17,8 @@ from collections.abc import Callable
 
 from core.errors import UserError
 from service.db.errors import DatabaseError
-from workers.client import Backoff
 from workers.dispatch import CANNOT_WORK, NEW_TOKEN, TOKEN_WANTED, DispatchOrder
+from workers.patience import Backoff
 
 log = logging.getLogger(__name__)
 

@@ -12,9 +12,10 @@ from sqlalchemy import Connection, insert, select
 
 from service.db import postgres, sqlite
 from service.db.dialect import create_tables, go_on_counting, is_empty
+from service.db.engine import Place, shown
 from service.db.errors import DatabaseError, no_archive
-from service.db.place import Place, shown, version_of
 from service.db.tables import SCHEMA_VERSION, Base
+from service.db.upgrade import version_of
 
 #: Rows that are in memory at once.
 CHUNK = 500

@@ -1,11 +1,10 @@
-"""One writer and read-only readers on one archive, an SQLite file or a PostgreSQL database.
+"""Where an archive is, and one writer and read-only readers on it: an SQLite file or a PostgreSQL database.
 
 A write is one transaction of its own.  Several in one commit would save little: the commit takes 0.5 ms of
-the 12 ms that an outcome takes.
-
-How long writes take: counted here, read by /metrics.
+the 12 ms that an outcome takes.  How long writes take is counted for /metrics.
 """
 
+import os
 import threading
 import time
 from bisect import bisect_left
@@ -15,27 +14,72 @@ from enum import Enum
 from pathlib import Path
 from typing import TypeVar
 
-from sqlalchemy import Engine
-from sqlalchemy.exc import DBAPIError, SQLAlchemyError
+from sqlalchemy import URL, Engine, make_url
+from sqlalchemy.exc import ArgumentError, DBAPIError, SQLAlchemyError
 from sqlalchemy.orm import Session
 
+from core.plain_data import read_text
 from service.db import postgres, sqlite
 from service.db.dialect import create_tables, is_empty, read_version
 from service.db.errors import (
     DatabaseError,
     Unavailable,
-    WriteFault,
     no_archive,
     no_room,
     read_fault,
     unusable,
     write_fault,
 )
-from service.db.place import Place, shown
 from service.db.tables import SCHEMA_VERSION
-from workers.client import Outage
+from workers.patience import Outage
 
-__all__ = ["Database", "DatabaseError", "Moment", "Unavailable", "WriteFault", "unusable"]
+FILE_NAME = "coastarc.db"
+#: The URL itself, or the file that holds it, as secrets are mounted in containers.
+URL_VARIABLE = "COASTARC_DATABASE_URL"
+DRIVER = "postgresql+psycopg"
+
+#: An SQLite file, or a PostgreSQL database.
+Place = Path | URL
+
+
+def make_folder(folder: Path) -> None:
+    """Make a data folder where there is none."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    except OSError as error:
+        raise unusable(folder, error.strerror) from error
+
+
+def place_of(folder: Path) -> Place:
+    """Return where the archive of a data folder is: in it, unless the environment names a database."""
+    url = os.environ.get(URL_VARIABLE)
+    if path := os.environ.get(f"{URL_VARIABLE}_FILE"):
+        try:
+            url = read_text(Path(path)).strip()
+        except (OSError, ValueError) as error:
+            raise DatabaseError(f"{URL_VARIABLE}_FILE: expected a file to read, got {error}") from error
+    return folder / FILE_NAME if not url else database_url(url)
+
+
+def database_url(text: str) -> URL:
+    """Return the URL of a PostgreSQL database; the text may hold a password and is never repeated."""
+    expected = f"{URL_VARIABLE}: expected {DRIVER}://USER@HOST/DATABASE"
+    try:
+        url = make_url(text)
+    except (ArgumentError, ValueError):
+        raise DatabaseError(f"{expected}, got no URL") from None
+    if url.drivername in ("postgresql", "postgres"):
+        url = url.set(drivername=DRIVER)
+    if url.drivername != DRIVER:
+        raise DatabaseError(f"{expected}, got one of {url.drivername}; SQLite archives are named by --data")
+    if not url.database:
+        raise DatabaseError(f"{expected}, got none of a database")
+    return url
+
+
+def shown(place: Place) -> str:
+    """Return a place as users may read it, without a password."""
+    return str(place) if isinstance(place, Path) else place.render_as_string(hide_password=True)
 
 
 #: Upper ends of the classes in which writes are counted [s].

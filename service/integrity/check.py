@@ -9,9 +9,10 @@ from sqlalchemy import Connection, func, select
 
 from service.db import postgres, sqlite
 from service.db.dialect import TALLIES, read_version
+from service.db.engine import Place, shown
 from service.db.errors import no_archive
-from service.db.place import Place, differences, shown
 from service.db.tables import SCHEMA_VERSION, Base, JobRow, SearchRow, SolveRow
+from service.db.upgrade import differences
 from service.integrity.content import unsound_rows
 from service.schemas.answer import Check
 

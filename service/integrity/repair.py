@@ -26,8 +26,8 @@ from sqlalchemy.sql import ColumnElement
 from service.db import postgres, sqlite
 from service.db.columns import Json, Vector
 from service.db.dialect import FILL_TALLIES, TOTALS, plain
+from service.db.engine import Place
 from service.db.errors import DatabaseError
-from service.db.place import Place
 from service.db.tables import (
     AttemptRow,
     CertificateRow,

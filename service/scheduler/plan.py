@@ -19,9 +19,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from core.analysis.similarity import most_diverse
 from core.problem import Problem
-from core.search import REFINED, expand_mapping
+from core.search.settings import REFINED, expand_mapping
 from service.spec import Spec
 from service.spec.search_spec import SearchSpec
 from service.spec.spec import Case, targets
@@ -141,6 +140,9 @@ def chosen(search: SearchSpec, candidates: Iterable[Candidate]) -> list[Candidat
     elif search.seeds.order == "time_of_flight":
         ordered.sort(key=lambda candidate: candidate.time_of_flight_days)
     elif search.seeds.order == "diversity":
+        # Imported here, since it needs the numerics and lists of campaigns, which plan nothing, do not.
+        from core.analysis.similarity import most_diverse
+
         # The best goes first, then always the one farthest from those before it.
         ordered.sort(key=lambda candidate: candidate.delta_v_km_s)
         features = np.array([candidate.features for candidate in ordered])

@@ -6,8 +6,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StrictInt, model_validator
 
 from core.problem import LONGEST_OUTAGE_DAYS, Outage
-from core.search import GUESS_LAWS, HOP_LAWS, REFINED, HopSettings, check_mapping
-from core.search.hopping import SHAPES
+from core.search.settings import GUESS_LAWS, HOP_LAWS, REFINED, SHAPES, HopSettings, check_mapping
 from workers.messages import HopLaws, Settings
 
 #: What only one of the two kinds of search may set.

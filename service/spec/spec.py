@@ -2,26 +2,17 @@
 
 SpecError(ValueError)   a specification that cannot be run; one line per field, with value and reason
 
-Which seeds may start which cases of a search.
-
-Departure and target of a problem, made before it or its campaign is stored.
-
-A worker would find out as well that one of them cannot be, but only with one dead job after another.
+Which seeds may start which cases of a search is decided here too.
 """
 
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Self
 
 from pydantic import BeforeValidator, Field, StrictInt, ValidationError, model_validator
 
-from core.ephemeris import EpochError, KernelError
-from core.ephemeris.daf import SpkError
 from core.errors import UserError
-from core.orbits import SpiralError, departure_state, target_kernel
-from core.orbits.clearance import ClearanceError, check_clearance
-from core.orbits.nrho import HaloError, ShootingError
 from core.plain_data import read_table_file
 from core.problem import (
     Problem,
@@ -29,11 +20,9 @@ from core.problem import (
     beside,
     content_hash,
     problem_from,
-    require_departure_mass,
-    require_physical,
     validation_message,
 )
-from core.search import expand_mapping
+from core.search.settings import expand_mapping
 from service.spec.search_spec import SHARING, Name, Priority, SearchSpec, Strict
 
 #: The outages (segment, duration [d]) of one problem.
@@ -295,38 +284,22 @@ def _refuse_files(name: str, problem: Any) -> None:
         raise SpecError(f"{name}.target: expected a target without a file over the network, got kind spk")
 
 
-#: Why a problem whose fields are all in order cannot be flown.
-IMPOSSIBLE = (
-    EpochError,
-    KernelError,
-    SpkError,
-    SpiralError,
-    HaloError,
-    ShootingError,
-    ClearanceError,
-    ProblemError,
-    OSError,
-)
-#: Processor time for a spiral; one of 400 days from a low orbit takes 20 [s].
-MOST_CPU_S = 30.0
+@dataclass(frozen=True, slots=True)
+class SeedChoices:
+    """How seeds are chosen and mapped; None leaves it to the search."""
 
+    order: str | None = None
+    limit: int | None = None
+    tolerance: str | None = None
+    mapping: tuple[str, ...] | None = None
 
-def require_flyable(problem: Problem, name: str = "spec.problem") -> None:
-    """Make what a problem starts from and flies to, or raise SpecError; all its outages share both."""
-    try:
-        require_physical(problem, name)
-    except ProblemError as error:
-        raise SpecError(str(error)) from error
-    try:
-        start = departure_state(problem.departure, problem.spacecraft, _after(MOST_CPU_S))
-        require_departure_mass(problem, start.mass_kg)
-        target_kernel(problem)
-        check_clearance(problem)
-    except IMPOSSIBLE as error:
-        raise SpecError(f"{name}: {' '.join(str(error).split())}") from error
-
-
-def _after(cpu_seconds: float) -> Callable[[], bool]:
-    """Return whether this thread has used its processor time."""
-    end = time.thread_time() + cpu_seconds
-    return lambda: time.thread_time() > end
+    def applied(self, fields: dict[str, Any]) -> SearchSpec:
+        """Return the search of some fields with these choices, checked like any other."""
+        given = {"order": self.order, "limit": self.limit, "tolerance": self.tolerance}
+        fields["seeds"] |= {name: value for name, value in given.items() if value is not None}
+        if self.mapping is not None:
+            fields["mapping"] = self.mapping
+        try:
+            return SearchSpec.model_validate(fields)
+        except ValidationError as error:
+            raise SpecError(validation_message("seeds", error, SearchSpec)) from error

@@ -1,23 +1,50 @@
-"""A specification as somebody types it: each fault with its place and line, or what would be run."""
+"""A specification before it is run: each fault with its place and line, what would be run, and its ends made.
+
+Departure and target are made before a campaign is stored: a worker would find out as well that one of them
+cannot be, but only with one dead job after another.
+"""
 
 import json
 import re
+import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
+from core.ephemeris import EpochError, KernelError
+from core.ephemeris.daf import SpkError
 from core.errors import fault_lines
+from core.orbits import SpiralError, departure_state, target_kernel
+from core.orbits.clearance import ClearanceError, check_clearance
+from core.orbits.nrho import HaloError, ShootingError
 from core.plain_data import TextError, read_json, read_toml
+from core.problem import Problem, ProblemError, require_departure_mass, require_physical
 from service.spec import Spec, SpecError, spec_from
 from service.spec.search_spec import SearchSpec, Seeds
-from service.spec.spec import require_flyable
 from service.spec.spec_text import line_of, syntax_fault
 
 _OF_SEARCH = re.compile(r"search (.+?): (?:problem: )?(?:(\w+)(?:\.\w+)*: )?", re.DOTALL)
 _SAME_ID = re.compile(r"expected different ids, got '(.+?)'")
 _PLACE = re.compile(r"spec((?:\.[\w-]+)*): ")
+
+
+#: Processor time for a spiral; one of 400 days from a low orbit takes 20 [s].
+MOST_CPU_S = 30.0
+
+#: Why a problem whose fields are all in order cannot be flown.
+IMPOSSIBLE = (
+    EpochError,
+    KernelError,
+    SpkError,
+    SpiralError,
+    HaloError,
+    ShootingError,
+    ClearanceError,
+    ProblemError,
+    OSError,
+)
 
 
 class Fault(NamedTuple):
@@ -164,3 +191,24 @@ def _cases_per_seed(search: SearchSpec, seeds: Seeds) -> int:
     # Longer outages are in the same segments as the seed's.
     places = Counter(tuple(segment for segment, _ in case) for case in search.outage_sets)
     return max(places.values())
+
+
+def require_flyable(problem: Problem, name: str = "spec.problem") -> None:
+    """Make what a problem starts from and flies to, or raise SpecError; all its outages share both."""
+    try:
+        require_physical(problem, name)
+    except ProblemError as error:
+        raise SpecError(str(error)) from error
+    try:
+        start = departure_state(problem.departure, problem.spacecraft, _after(MOST_CPU_S))
+        require_departure_mass(problem, start.mass_kg)
+        target_kernel(problem)
+        check_clearance(problem)
+    except IMPOSSIBLE as error:
+        raise SpecError(f"{name}: {' '.join(str(error).split())}") from error
+
+
+def _after(cpu_seconds: float) -> Callable[[], bool]:
+    """Return whether this thread has used its processor time."""
+    end = time.thread_time() + cpu_seconds
+    return lambda: time.thread_time() > end

@@ -23,7 +23,8 @@ from sqlalchemy import ColumnElement, delete, select, update
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
-from service.db.engine import Database, DatabaseError
+from service.db.engine import Database
+from service.db.errors import DatabaseError
 from service.db.identity import AuditRow, SessionRow, TokenRow
 from service.schemas.identity import AuditPage, AuditView, NewToken, Role, TokenView
 from service.store.errors import Conflict, StoreError, UnknownRow

@@ -15,7 +15,7 @@ from typing import Any, cast
 from sqlalchemy import Select, case, func, literal_column, select
 from sqlalchemy.orm import Session, aliased
 
-from core.search.hopping import LEARNING_RATE, SUCCESS_SHARE, HopSettings
+from core.search.settings import LEARNING_RATE, SUCCESS_SHARE, HopSettings
 from service.db.dialect import mixed
 from service.db.tables import JobRow, SearchRow, SolutionRow, SolveRow
 from service.scheduler import plan

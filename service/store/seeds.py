@@ -1,11 +1,11 @@
 """Which solutions would seed a search or a problem, and with which mappings; nothing is changed.
 
-What was found for a problem, and for the problems that differ from it in one outage.
+What was found for a problem, and for those that differ from it in one outage, is told here too.
 """
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice
 from typing import Any, NamedTuple
 
@@ -22,6 +22,7 @@ from service.schemas.problem import BestSolution, ProblemFamily, Relative
 from service.schemas.solution import SeedPage
 from service.spec import Spec, SpecError
 from service.spec.search_spec import SearchSpec
+from service.spec.spec import SeedChoices
 from service.store.cache import search_spec, spec_of
 from service.store.errors import StoreError, UnknownRow
 from service.store.planning import candidates, n_candidates
@@ -32,28 +33,7 @@ MOST_PAIRS = 200
 USUAL_LIMIT = 50
 
 
-@dataclass(frozen=True, slots=True)
-class SeedsWanted:
-    """How seeds are chosen and mapped; None leaves it to the search."""
-
-    order: str | None = None
-    limit: int | None = None
-    tolerance: str | None = None
-    mapping: tuple[str, ...] | None = None
-
-    def applied(self, fields: dict[str, Any]) -> SearchSpec:
-        """Return the search of some fields with these choices, checked like any other."""
-        given = {"order": self.order, "limit": self.limit, "tolerance": self.tolerance}
-        fields["seeds"] |= {name: value for name, value in given.items() if value is not None}
-        if self.mapping is not None:
-            fields["mapping"] = self.mapping
-        try:
-            return SearchSpec.model_validate(fields)
-        except ValidationError as error:
-            raise SpecError(validation_message("seeds", error, SearchSpec)) from error
-
-
-def seeds_of_search(session: Session, campaign_id: int, name: str, wanted: SeedsWanted) -> SeedPage:
+def seeds_of_search(session: Session, campaign_id: int, name: str, wanted: SeedChoices) -> SeedPage:
     """Return what would seed a search of a campaign, and the jobs that it has planned for that."""
     own = (SearchRow.campaign_id == campaign_id) & (SearchRow.name == name)
     row, campaign = session.scalar(select(SearchRow).where(own)), session.get(CampaignRow, campaign_id)
@@ -81,7 +61,7 @@ def seeds_of_problem(
     problem_hash: str,
     outages: Sequence[tuple[int, float]] | None,
     seed_k: int | None,
-    wanted: SeedsWanted,
+    wanted: SeedChoices,
 ) -> SeedPage:
     """Return the solutions of the whole archive that would seed a problem, or one of other outages."""
     row = session.get(ProblemRow, problem_hash)

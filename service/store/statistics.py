@@ -29,7 +29,8 @@ from sqlalchemy.orm import Session
 
 from core.analysis.campaign_statistics import CampaignFacts, SolveFacts
 from service.db.dialect import INSERTS, VERSION_TABLE, counted, plain, read_version
-from service.db.engine import Database, DatabaseError
+from service.db.engine import Database
+from service.db.errors import DatabaseError
 from service.db.tables import (
     SCHEMA_VERSION,
     CampaignRow,

@@ -13,8 +13,7 @@ from core.analysis.campaign_statistics import CampaignFacts
 from core.problem import Problem
 from service.archive_format.container import Entry
 from service.archive_format.reading import ReadFile
-from service.db.engine import Database
-from service.db.place import place_of
+from service.db.engine import Database, place_of
 from service.db.postgres import server_time
 from service.scheduler.plan import LeaseSettings
 from service.schemas.campaign import CampaignCard, CampaignItem, CampaignView, HistoryView
@@ -32,6 +31,7 @@ from service.schemas.solution import (
     SeedPage,
 )
 from service.spec import Spec
+from service.spec.spec import SeedChoices
 from service.store import (
     archive_io,
     campaign_history,
@@ -45,7 +45,6 @@ from service.store import (
     lineage,
     planning,
     scatter,
-    seeds,
     solutions,
     statistics,
 )
@@ -57,10 +56,9 @@ from service.store.errors import StoreError, UnknownRow
 from service.store.filters import Begin, Filter, Order
 from service.store.identity import Identities
 from service.store.jobs import Activity
-from service.store.seeds import SeedsWanted
+from service.store.seeds import family, seeds_of_problem, seeds_of_search
 from service.store.solutions import Certificates
 from service.store.statistics import Gauges, require_writable
-from workers.client import Outage
 from workers.executor import Ticket
 from workers.messages import (
     ChainPart,
@@ -71,6 +69,7 @@ from workers.messages import (
     JobOutcome,
     WorkerInfo,
 )
+from workers.patience import Outage
 
 __all__ = ["Store", "StoreError", "UnknownRow"]
 
@@ -443,7 +442,7 @@ class Store:
     def family(self, problem_hash: str) -> ProblemFamily:
         """Return what was found for a problem, and its relatives."""
         with self._database.read() as session:
-            return seeds.family(session, problem_hash)
+            return family(session, problem_hash)
 
     def jobs(
         self, campaign: int | None, search: str | None, state: str | None, limit: int, after: int = 0
@@ -457,21 +456,21 @@ class Store:
         with self._database.read() as session:
             return jobs.get_job(session, job_id)
 
-    def seeds_of_search(self, campaign_id: int, search: str, wanted: SeedsWanted) -> SeedPage:
+    def seeds_of_search(self, campaign_id: int, search: str, wanted: SeedChoices) -> SeedPage:
         """Return what would seed a search, and how."""
         with self._database.read() as session:
-            return seeds.seeds_of_search(session, campaign_id, search, wanted)
+            return seeds_of_search(session, campaign_id, search, wanted)
 
     def seeds_of_problem(
         self,
         problem_hash: str,
         outages: Sequence[tuple[int, float]] | None,
         seed_k: int | None,
-        wanted: SeedsWanted,
+        wanted: SeedChoices,
     ) -> SeedPage:
         """Return which solutions of the archive would seed a problem, and how."""
         with self._database.read() as session:
-            return seeds.seeds_of_problem(session, problem_hash, outages, seed_k, wanted)
+            return seeds_of_problem(session, problem_hash, outages, seed_k, wanted)
 
     def workers(self) -> WorkerPage:
         """Return the workers that have registered, with the jobs that they hold."""

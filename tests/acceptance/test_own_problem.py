@@ -14,7 +14,7 @@ import spiceypy
 from core.ephemeris import furnish
 from core.verification.verify import verify
 from service.spec import load_spec
-from service.spec.spec import require_flyable
+from service.spec.spec_check import require_flyable
 from tests.pages import ROOT, blocks_of, text_of
 
 PAGE = ROOT / "docs" / "own-problem.md"

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 from core.problem import load_problem
-from service.db.engine import DatabaseError
+from service.db.errors import DatabaseError
 from service.spec import load_spec
-from service.spec.spec import require_flyable
+from service.spec.spec_check import require_flyable
 from service.store import Store, UnknownRow
 from workers.process_tree import single_threaded
 

@@ -7,7 +7,7 @@ from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Any
 
-from service.db.place import place_of
+from service.db.engine import place_of
 from service.integrity.check import check
 from service.spec import spec_from
 from service.store import Store

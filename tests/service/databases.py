@@ -13,7 +13,7 @@ import psycopg
 import pytest
 from sqlalchemy import text
 
-from service.db.place import database_url
+from service.db.engine import database_url
 
 
 def _programs():

@@ -10,8 +10,8 @@ import pytest
 from service.app import create_app
 from service.client import ROUTES, Client, ClientError
 from service.coordinator import Coordinator
+from service.spec.spec import SeedChoices
 from service.store import Store
-from service.store.seeds import SeedsWanted
 from service.store.solutions import Filter
 from tests.service.campaigns import finish, spec_fields, submitted
 from tests.workers.jobs import worker_info
@@ -58,8 +58,8 @@ CALLS = {
     "reproduction": ("0" * 32,),
     "missed_thrust": ("0" * 32, 7, 2),
     "problem": ("0" * 32,),
-    "seeds_of_search": (1, "s0", SeedsWanted("delta_v", 3, "paper", ("reference",))),
-    "seeds_of_problem": ("0" * 32, [(24, 1.0)], 1, SeedsWanted("delta_v", 3, "paper", ("reference",))),
+    "seeds_of_search": (1, "s0", SeedChoices("delta_v", 3, "paper", ("reference",))),
+    "seeds_of_problem": ("0" * 32, [(24, 1.0)], 1, SeedChoices("delta_v", 3, "paper", ("reference",))),
     "jobs": (1, "s0", "dead", 3, 5),
     "job": (1,),
     "workers": (),
@@ -174,10 +174,10 @@ def test_what_was_found_is_read_page_by_page(running):
     listed = [item.id for item in (*page.items, *following.items)]
     assert listed == [record.id for record in store.all_records(Filter(campaign=campaign_id, strict=True), 2)]
     assert client.record(page.items[0].id).x
-    seeds = client.seeds_of_search(campaign_id, "s1-0", SeedsWanted(limit=3))
-    assert len(seeds.items) == 3 and seeds == store.seeds_of_search(campaign_id, "s1-0", SeedsWanted(limit=3))
+    seeds = client.seeds_of_search(campaign_id, "s1-0", SeedChoices(limit=3))
+    assert len(seeds.items) == 3 and seeds == store.seeds_of_search(campaign_id, "s1-0", SeedChoices(limit=3))
     problem = client.solutions(campaign_id, "s1-0").items[0].problem_hash
-    wanted = SeedsWanted(order="delta_v", mapping=("reference",))
+    wanted = SeedChoices(order="delta_v", mapping=("reference",))
     assert client.seeds_of_problem(problem, [(30, 1.0)], 0, wanted) == store.seeds_of_problem(
         problem, [(30, 1.0)], 0, wanted
     )

@@ -8,7 +8,6 @@ import pytest
 from tests.service.clock import Clock
 from tests.workers.fake import run_fake
 from tests.workers.jobs import hop_job, worker_info
-from workers.client import Backoff
 from workers.dispatcher import Dispatcher, StaleAttempt
 from workers.executor import ExecutorLost, Inline, Ticket
 from workers.messages import (
@@ -23,6 +22,7 @@ from workers.messages import (
     Unreachable,
     wall_limit_s,
 )
+from workers.patience import Backoff
 from workers.process_pool import ProcessPool
 
 INFO = worker_info()

@@ -5,7 +5,6 @@ import pytest
 from tests.workers.fake import run_fake
 from tests.workers.jobs import hop_job, worker_info
 from tests.workers.test_dispatcher import FailingSource, ListSource
-from workers.client import Backoff
 from workers.dispatcher import MOST_FAULTS, Dispatcher
 from workers.executor import Inline, Ticket
 from workers.messages import (
@@ -21,6 +20,7 @@ from workers.messages import (
     job_digest,
 )
 from workers.outbox import Outbox
+from workers.patience import Backoff
 
 #: More often than a report is tried before it counts as the report's fault.
 MANY = 5 * MOST_FAULTS

@@ -10,8 +10,8 @@ from core.search import ChainState, HopSettings
 from tests.service.clock import Clock
 from tests.workers.jobs import hop_job
 from workers import run
-from workers.client import Awake
 from workers.messages import Address, Ending, HopLaws, MapJob, Settings
+from workers.patience import Awake
 
 GOOD, WEAK, BAD = 1e-3, 0.5, 1e4  # position defects [km]: strict, paper, neither
 

@@ -1,4 +1,4 @@
-"""Runs revisions on the connection that `service.db.place` hands over, inside its transaction."""
+"""Runs revisions on the connection that `service.db.engine` hands over, inside its transaction."""
 
 from alembic import context
 

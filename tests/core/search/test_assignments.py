@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.search import MAPPINGS, check_mapping, expand_mapping
-from core.search.mapping import assignment_of, check_family
+from core.search.settings import assignment_of, check_family
 from tests.core.transcription.points import PRESET, problem
 
 

@@ -3,7 +3,8 @@ import json
 import pytest
 
 from service.api import health
-from service.db.engine import DatabaseError, Moment
+from service.db.engine import Moment
+from service.db.errors import DatabaseError
 from service.store import Store
 from tests.service.by_hand import worker_info
 from tests.service.clock import Clock

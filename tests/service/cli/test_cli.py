@@ -14,7 +14,7 @@ from service import cli, logs
 from service.cli import run as cli_run
 from service.cli.options import console
 from service.coordinator import Coordinator
-from service.db.engine import DatabaseError
+from service.db.errors import DatabaseError
 from service.spec import spec_from
 from service.store import Store
 from tests.service.campaigns import SPIRAL, content, finish, spec_fields, submitted

@@ -9,9 +9,10 @@ import pytest
 
 from service import cli
 from service.db.backup import backup, restore
-from service.db.engine import Database, DatabaseError
-from service.db.place import FILE_NAME, make_folder, version_of
+from service.db.engine import FILE_NAME, Database, make_folder
+from service.db.errors import DatabaseError
 from service.db.tables import SCHEMA_VERSION, EventRow
+from service.db.upgrade import version_of
 from service.integrity.check import check
 from service.store import Store
 from tests.service.campaigns import content, finish, submitted

@@ -16,7 +16,8 @@ from sqlalchemy.exc import IntegrityError, OperationalError, StatementError
 
 from service.db import sqlite as sqlite_file
 from service.db.columns import Json, Vector
-from service.db.engine import Database, DatabaseError, Moment, WriteFault
+from service.db.engine import Database, Moment
+from service.db.errors import DatabaseError, WriteFault
 from service.db.tables import CampaignRow, EventRow
 
 DIALECT = sqlite.dialect()

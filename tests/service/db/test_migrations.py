@@ -8,9 +8,10 @@ from sqlalchemy import inspect, text
 from service.db import postgres as postgres_side
 from service.db import sqlite
 from service.db.dialect import VERSION_TABLE
-from service.db.engine import Database, DatabaseError
-from service.db.place import differences, upgrade, version_of
+from service.db.engine import Database
+from service.db.errors import DatabaseError
 from service.db.tables import SCHEMA_VERSION, Base
+from service.db.upgrade import differences, upgrade, version_of
 from service.store import Store
 from service.store.solutions import Filter
 from tests.service.databases import needs_postgres

@@ -6,8 +6,8 @@ import pytest
 from sqlalchemy import text
 from sqlalchemy.exc import InternalError
 
-from service.db.engine import Database, DatabaseError, WriteFault
-from service.db.place import URL_VARIABLE, database_url, place_of, shown
+from service.db.engine import URL_VARIABLE, Database, database_url, place_of, shown
+from service.db.errors import DatabaseError, WriteFault
 from service.db.tables import CampaignRow, EventRow
 from tests.service.databases import needs_postgres
 

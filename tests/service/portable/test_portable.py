@@ -8,7 +8,7 @@ import pytest
 
 from service.archive_format.container import PortableError, Unpacked
 from service.archive_format.lines import CampaignLine, ProvenanceLine, SearchLine
-from service.db.place import place_of
+from service.db.engine import place_of
 from service.db.tables import Base
 from service.integrity.check import check
 from service.new_file import FileError

@@ -16,9 +16,9 @@ from service.solutions.refine import (
     refinement_spec,
 )
 from service.spec import SpecError, spec_from
+from service.spec.spec import SeedChoices
 from service.store import Store
 from service.store.filters import Filter
-from service.store.seeds import SeedsWanted
 from tests.acceptance.known import SPEC, run_known
 from tests.service.campaigns import finish, spec_fields, submitted
 from workers.executor import Inline
@@ -94,7 +94,7 @@ def test_a_refinement_does_not_wait_for_the_search_of_its_seed(store):
     campaign_id, _ = store.submit(refinement_spec(store, seed, 100, LIMITS))
     (claim,) = store.claim("somebody", 5, campaign_id)
     assert claim.job.seed_id == seed.id
-    page = store.seeds_of_search(campaign_id, "refined", SeedsWanted())
+    page = store.seeds_of_search(campaign_id, "refined", SeedChoices())
     assert [(item.seed_id, item.mapping, item.job_state) for item in page.items] == [
         (seed.id, "refined", "running")
     ]

@@ -23,7 +23,7 @@ from core.problem import (
 from core.ranges import FARTHEST_KM, FASTEST_KM_S, RANGES
 from core.units import LU_KM
 from service.spec import SpecError
-from service.spec.spec import require_flyable
+from service.spec.spec_check import require_flyable
 from tests.service.campaigns import SPIRAL
 
 PRESET = load_problem("ppe-drm3")
@@ -142,7 +142,7 @@ def test_a_departure_inside_the_moon_is_refused():
 
 
 def test_a_spiral_that_takes_too_long_to_compute_is_given_up(monkeypatch):
-    monkeypatch.setattr("service.spec.spec.MOST_CPU_S", 0.2)
+    monkeypatch.setattr("service.spec.spec_check.MOST_CPU_S", 0.2)
     slow = SPIRAL | {"apogee_radius_km": 6578.0, "duration_days": 999.0}
     begun = time.thread_time()
     with pytest.raises(SpecError, match=r"within the time for its computation, got to \d+\.\d days"):

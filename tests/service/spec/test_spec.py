@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from service.spec import SpecError, load_spec, spec_from
-from service.spec.spec import require_flyable
-from service.spec.spec_check import check_text
+from service.spec.spec_check import check_text, require_flyable
 from tests.service.campaigns import OUTAGE, spec_fields
 
 
