@@ -8,6 +8,7 @@ docs/method.md, section 7.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from core.nlp.descent import ThrustVectors, close, is_solved, reach, starts, tig
 from core.nlp.feasibility import FINE_TOLERANCE, close_finely, is_feasible
 from core.nlp.outcome import Limits
 from core.problem import Problem
-from core.transcription import Guess, OutageProfile, Transcription, transcribe
+from core.transcription import Guess, OutageProfile, Transcription, checked_vector, transcribe
 
 Array = NDArray[np.float64]
 
@@ -34,7 +35,10 @@ _LOSS = 1e-3
 
 @dataclass(slots=True, eq=False)
 class Robust:
-    """A problem P_k taken apart: its reference, its realizations, and which of them act on the reference."""
+    """The state of a solve: the reference, the realizations, and which of them act on the reference.
+
+    Only its methods change it.
+    """
 
     transcription: Transcription
     limits: Limits
@@ -51,6 +55,22 @@ class Robust:
     acting: list[int] = field(default_factory=list)
     #: Those that close against the reference as it stands.
     closed: set[int] = field(default_factory=set)
+
+    @classmethod
+    def of(
+        cls, transcription: Transcription, guess: Array | Guess, limits: Limits, deepen: Deepen | None
+    ) -> Self:
+        """Return P_k at a guess, which is moved into the bounds first."""
+        lower, upper = transcription.bounds
+        x = np.clip(checked_vector(transcription.layout, guess), lower, upper)
+        # They change no path, but every check would integrate them, and the matchpoint magnifies its errors.
+        idle = transcription.idle_coasts
+        x[idle] = lower[idle]
+        ends = [trajectory.stop for trajectory in transcription.layout.trajectories]
+        reference, *realizations = np.split(x, ends[:-1])
+        states = guess.states if isinstance(guess, Guess) else None
+        path, *others = states or (None,) * len(ends)
+        return cls(transcription, limits, deepen, reference, realizations, path, others)
 
     @property
     def x(self) -> Array:
@@ -69,6 +89,23 @@ class Robust:
         part = problem.model_copy(update={"outages": outages})
         whole = self.transcription
         return transcribe(part, n_legs or whole.n_legs, whole.tolerance, start=whole.start)
+
+    def start_from(self, reference: Array, path: Array | None) -> None:
+        """Take a reference that is closed on its own; realizations are closed against it from here on."""
+        self.reference, self.path, self.is_started = reference, path, True
+
+    def fall_back(self, reference: Array) -> None:
+        """Take the reference that comes closest where none closes."""
+        self.reference, self.path = reference, None
+
+    def join(self, member: int) -> bool:
+        """Let a realization act on the reference: close it together with those that do."""
+        together = sorted([*self.acting, member])
+        if not self.close_together(together):
+            return False
+        self.acting = together
+        self.closed -= set(together)
+        return True
 
     def close_alone(self, member: int) -> bool:
         """Try to close a realization against the reference as it stands."""

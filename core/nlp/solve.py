@@ -10,7 +10,7 @@ from core.nlp.outcome import ExitStatus, Limits, Outcome, SolveSettings, Stop
 from core.nlp.robust import Deepen, Robust
 from core.problem import require_departure_mass
 from core.tolerances import violation
-from core.transcription import Guess, Transcription, checked_vector
+from core.transcription import Guess, Transcription
 
 Array = NDArray[np.float64]
 
@@ -64,7 +64,7 @@ def solve(
     require_departure_mass(transcription.problem, transcription.start_mass_kg)
     limits = limits_of(transcription, settings or SolveSettings(), stop)
     with one_thread():
-        robust = _taken_apart(transcription, guess, limits, deepen)
+        robust = Robust.of(transcription, guess, limits, deepen)
         status = _start(robust)
         if robust.is_started:
             status = _realize(robust, status)
@@ -78,21 +78,6 @@ def limits_of(transcription: Transcription, settings: SolveSettings, stop: Stop)
     return Limits(settings.cpu_seconds * share, settings.max_iterations * share, stop)
 
 
-def _taken_apart(
-    transcription: Transcription, guess: Array | Guess, limits: Limits, deepen: Deepen | None
-) -> Robust:
-    lower, upper = transcription.bounds
-    x = np.clip(checked_vector(transcription.layout, guess), lower, upper)
-    # They change no path, but every judge would integrate them, and the matchpoint magnifies its errors.
-    idle = transcription.idle_coasts
-    x[idle] = lower[idle]
-    ends = [trajectory.stop for trajectory in transcription.layout.trajectories]
-    reference, *realizations = np.split(x, ends[:-1])
-    states = guess.states if isinstance(guess, Guess) else None
-    path, *others = states or (None,) * len(ends)
-    return Robust(transcription, limits, deepen, reference, realizations, path, others)
-
-
 def _start(robust: Robust) -> ExitStatus:
     """Close and optimize the reference on its own."""
     alone = robust.together([])
@@ -103,8 +88,7 @@ def _start(robust: Robust) -> ExitStatus:
     state = State(form, z, 1.0)
     if is_solved(state):
         # What arrives closed was optimal once, as seeds are: it is only polished.
-        robust.take([], alone, form.decision(z), z)
-        robust.is_started = True
+        robust.start_from(form.decision(z), alone.nodes_of(z, 0))
         return optimize(robust, is_near=True)
     return _from_starts(robust, form, z)
 
@@ -125,11 +109,10 @@ def _from_starts(robust: Robust, form: ThrustVectors, z: Array) -> ExitStatus:
             break
     if not found:
         # The least infeasible, for those who hop from it.
-        robust.reference = min(tried, key=lambda x: violation(alone.defects(x).reshape(-1, 7)))
-        robust.path = None
+        robust.fall_back(min(tried, key=lambda x: violation(alone.defects(x).reshape(-1, 7))))
         return ExitStatus.IMPACT if status is ExitStatus.IMPACT else failure(limits)
-    _, status, robust.reference, robust.path = max(found, key=lambda entry: entry[0])
-    robust.is_started = True
+    _, status, reference, path = max(found, key=lambda entry: entry[0])
+    robust.start_from(reference, path)
     return status
 
 
@@ -141,10 +124,7 @@ def _realize(robust: Robust, status: ExitStatus) -> ExitStatus:
         if not opened:
             break
         for i in opened:
-            together = sorted([*robust.acting, i])
-            if not robust.close_together(together):
+            if not robust.join(i):
                 return failure(robust.limits)
-            robust.acting = together
-            robust.closed -= set(together)
         status = optimize(robust, is_near=False)
     return status
