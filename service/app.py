@@ -19,7 +19,6 @@ from service.api import (
     problems,
     searches,
     solutions,
-    specs,
 )
 from service.api.document import finish_document
 from service.auth.guard import Guard, Streams
@@ -31,7 +30,7 @@ from service.store import Store
 
 ROUTERS = (
     campaigns.router,
-    specs.router,
+    problems.specs_router,
     metrics.router,
     solutions.router,
     problems.router,

@@ -118,7 +118,7 @@ COMMANDS = {
         "service.cli.problem_set:benchmark",
         "Show and check the open set of robust problems; compare solutions with it.",
     ),
-    "example": ("service.cli.example:example", "Run an example from end to end."),
+    "example": ("service.cli.report:example", "Run an example from end to end."),
     "bench": ("service.cli.bench:bench", "Measure the numerics on this machine."),
     "db": ("service.cli.db:db", "Upgrade, check, repair, back up and restore an archive."),
     "token": ("service.cli.token:token", "Make, list and revoke tokens."),

@@ -8,7 +8,7 @@ import typer
 
 from service.cli import terminal
 from service.cli.options import Json, console, print_json
-from service.problem_set.problem_set import FOLDER, BenchmarkError, BenchmarkSet, read_set
+from service.problem_set import FOLDER, BenchmarkError, BenchmarkSet, read_set
 
 benchmark = typer.Typer(
     help="Show and check the open set of robust problems; compare solutions with it.", no_args_is_help=True
@@ -55,7 +55,7 @@ def _case_fields(found: BenchmarkSet, name: str) -> dict[str, Any]:
 @benchmark.command()
 def check(folder: Folder = FOLDER, case: CaseNames = None, as_json: Json = False) -> None:
     """Check a set from its files alone: every solution is flown again; exit code 1 where one thing fails."""
-    from service.problem_set.check import check_set
+    from service.problem_set import check_set
 
     checks = list(check_set(read_set(folder), tuple(case or ())))
     if as_json:
@@ -77,7 +77,7 @@ def judge(
     as_json: Json = False,
 ) -> None:
     """Fly a solution from elsewhere and compare it with that of the set; exit code 1 if it is not strict."""
-    from service.problem_set.check import judge as judged
+    from service.problem_set import judge as judged
 
     found = judged(read_set(folder).case(case), vector)
     if as_json:
@@ -102,7 +102,7 @@ def write(
     ],
 ) -> None:
     """Write a new set of the best solution of each problem in a file."""
-    from service.problem_set.check import write_set
+    from service.problem_set import write_set
     from workers.measure_solves import read_solutions
 
     try:

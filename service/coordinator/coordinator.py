@@ -31,7 +31,7 @@ from service.coordinator.lock import FolderLock, openness
 from service.coordinator.reaper import Reaper
 from service.coordinator.supervisor import LEAVE_S, Supervisor
 from service.db.errors import Unavailable, WriteFault, unusable
-from service.scheduler.plan import LeaseSettings
+from service.scheduler import LeaseSettings
 from service.schemas.identity import Role
 from service.settings import Settings
 from service.store import Store

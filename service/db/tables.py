@@ -2,18 +2,99 @@
 
 Times are seconds since 1970 (UTC) of the coordinator's clock.  States and their changes are checked by the
 database, so no program can store one that does not exist.
+
+Who may do what and who did it is here too, and column types that read the same on SQLite and PostgreSQL.
 """
 
+import json
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import CheckConstraint, ForeignKey, ForeignKeyConstraint, Index, Text, UniqueConstraint
+from sqlalchemy import (
+    REAL,
+    BigInteger,
+    Boolean,
+    CheckConstraint,
+    Dialect,
+    Double,
+    ForeignKey,
+    ForeignKeyConstraint,
+    Index,
+    Integer,
+    LargeBinary,
+    Text,
+    UniqueConstraint,
+    text,
+)
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
+from sqlalchemy.types import TypeDecorator, TypeEngine
 
-from service.db.columns import Flag, Json, Number, Vector, Whole, partial_index
 from service.db.transitions import TRANSITIONS, guard_transitions
+from service.schemas.identity import Role
 from workers.messages import Ending
+
+#: Eight bytes everywhere; SQLite's STRICT tables know the name REAL alone.
+Number: TypeEngine[float] = Double().with_variant(REAL(), "sqlite")
+#: Eight bytes as well: an rng_seed needs them, and SQLite counts rows in a column called INTEGER alone.
+Whole: TypeEngine[int] = BigInteger().with_variant(Integer(), "sqlite")
+
+
+def partial_index(name: str, *columns: str, where: str) -> Index:
+    """Return an index of the rows that a condition admits."""
+    return Index(name, *columns, sqlite_where=text(where), postgresql_where=text(where))
+
+
+class Flag(TypeDecorator[bool]):
+    """A boolean; 0 or 1 in SQLite, whose STRICT tables know no other."""
+
+    impl = Boolean
+    cache_ok = True
+
+    def load_dialect_impl(self, dialect: Dialect) -> TypeEngine[Any]:
+        """Choose the column's type."""
+        return dialect.type_descriptor(Integer() if dialect.name == "sqlite" else Boolean())
+
+    def process_bind_param(self, value: bool | None, dialect: Dialect) -> bool | int | None:
+        """Write."""
+        if value is None:
+            return None
+        return int(value) if dialect.name == "sqlite" else bool(value)
+
+    def process_result_value(self, value: Any, dialect: Dialect) -> bool | None:
+        """Read."""
+        return None if value is None else bool(value)
+
+
+class Json(TypeDecorator[Any]):
+    """Plain data as JSON text."""
+
+    impl = Text
+    cache_ok = True
+
+    def process_bind_param(self, value: Any, dialect: Dialect) -> str | None:
+        """Write; NaN and infinities are no JSON and are refused."""
+        return None if value is None else json.dumps(value, allow_nan=False, separators=(",", ":"))
+
+    def process_result_value(self, value: str | None, dialect: Dialect) -> Any:
+        """Read."""
+        return None if value is None else json.loads(value)
+
+
+class Vector(TypeDecorator[NDArray[np.float64]]):
+    """A vector of float64 as its little-endian bytes, which keep every bit."""
+
+    impl = LargeBinary
+    cache_ok = True
+
+    def process_bind_param(self, value: Any, dialect: Dialect) -> bytes | None:
+        """Write."""
+        return None if value is None else np.ascontiguousarray(value, dtype="<f8").tobytes()
+
+    def process_result_value(self, value: bytes | None, dialect: Dialect) -> NDArray[np.float64] | None:
+        """Read."""
+        return None if value is None else np.frombuffer(value, dtype="<f8").astype(np.float64)
+
 
 #: Grows with every change of the tables; kept in SQLite's user_version.
 SCHEMA_VERSION = 7
@@ -374,3 +455,58 @@ class EventRow(Base):
 
 for row in (CampaignRow, SearchRow, JobRow):
     guard_transitions(row.metadata.tables[row.__tablename__])
+
+
+_STRICT = {"sqlite_strict": True}
+_ROLES = ", ".join(f"'{role.value}'" for role in Role)
+_IN_USE = text("revoked_at IS NULL")
+
+
+class TokenRow(Base):
+    """A token without its secret, of which only the hash is here."""
+
+    __tablename__ = "token"
+    __table_args__ = (
+        CheckConstraint(f"role IN ({_ROLES})", name="known_role"),
+        # A name may be given again when its token is revoked.
+        Index("token_name", "name", unique=True, sqlite_where=_IN_USE, postgresql_where=_IN_USE),
+        _STRICT,
+    )
+    #: Public part of the token.
+    id: Mapped[str] = mapped_column(primary_key=True)
+    name: Mapped[str]
+    role: Mapped[str]
+    secret_hash: Mapped[str]
+    created_at: Mapped[float]
+    expires_at: Mapped[float]
+    revoked_at: Mapped[float | None]
+    #: To the minute.
+    last_used_at: Mapped[float | None]
+
+
+class SessionRow(Base):
+    """A browser that is signed in; it ends with its token."""
+
+    __tablename__ = "session"
+    __table_args__ = (Index("session_of_token", "token_id"), _STRICT)
+    id: Mapped[str] = mapped_column(primary_key=True)
+    token_id: Mapped[str] = mapped_column(ForeignKey("token.id"))
+    secret_hash: Mapped[str]
+    created_at: Mapped[float]
+    expires_at: Mapped[float]
+
+
+class AuditRow(Base):
+    """One request that changed something, or was refused to."""
+
+    __tablename__ = "audit"
+    __table_args__ = (_STRICT,)
+    id: Mapped[int] = mapped_column(primary_key=True)
+    created_at: Mapped[float]
+    #: Name of the token, `loopback`, or `nobody`.
+    actor: Mapped[str]
+    token_id: Mapped[str | None] = mapped_column(ForeignKey("token.id"))
+    address: Mapped[str]
+    method: Mapped[str]
+    path: Mapped[str]
+    status: Mapped[int]

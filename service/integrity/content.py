@@ -16,7 +16,6 @@ from sqlalchemy import Column, Connection, LargeBinary, Row, Select, Text, selec
 from core.problem import ProblemError, content_hash, problem_from
 from core.search import HopAddress
 from service.archive_format.checks import is_own_verdict
-from service.db.columns import Json, Vector
 from service.db.dialect import plain
 from service.db.tables import (
     AttemptRow,
@@ -25,11 +24,13 @@ from service.db.tables import (
     CaseRow,
     CertificateRow,
     JobRow,
+    Json,
     ProblemRow,
     ProvenanceRow,
     SearchRow,
     SolutionRow,
     SolveRow,
+    Vector,
 )
 from service.spec import Spec, SpecError, spec_from
 from service.validation import (

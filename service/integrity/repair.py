@@ -24,7 +24,6 @@ from sqlalchemy import (
 from sqlalchemy.sql import ColumnElement
 
 from service.db import postgres, sqlite
-from service.db.columns import Json, Vector
 from service.db.dialect import FILL_TALLIES, TOTALS, plain
 from service.db.engine import Place
 from service.db.errors import DatabaseError
@@ -32,11 +31,13 @@ from service.db.tables import (
     AttemptRow,
     CertificateRow,
     JobRow,
+    Json,
     ProvenanceRow,
     SearchRow,
     SeedLinkRow,
     SolutionRow,
     SolveRow,
+    Vector,
 )
 from service.integrity.content import Unsound, unsound_rows
 

@@ -14,9 +14,9 @@ import numpy as np
 from sqlalchemy import ColumnElement, func, literal_column, select, update
 from sqlalchemy.orm import Session, aliased, load_only
 
+from service import scheduler
 from service.db.tables import CampaignRow, CaseRow, JobRow, SearchRow, SolutionRow, SolveRow
 from service.db.transitions import ENDED, sources
-from service.scheduler import plan
 from service.schemas.campaign import CampaignCard, CampaignItem, CampaignView, Outcomes
 from service.schemas.problem import CaseView, OutageView
 from service.schemas.search import JobCounts, SearchState, SearchView
@@ -148,7 +148,7 @@ def _search(session: Session, campaign: CampaignRow, numbers: Numbers) -> Search
         seeds_from=spec.seeds.full_name if spec.seeds else None,
         jobs=JobCounts(**numbers.jobs),
         hops=spec.hops,
-        n_guesses_planned=plan.n_planned(spec, row.n_planned),
+        n_guesses_planned=scheduler.n_planned(spec, row.n_planned),
         endings=counted.get("solve", {}),
         statuses=counted.get("status", {}),
         n_solves=row.n_solves,
@@ -209,7 +209,7 @@ def _card(
     campaign: CampaignRow, numbers: Sequence[Numbers], chronicle: Chronicle, now: float
 ) -> CampaignCard:
     end = campaign.finished_at or now
-    planned = [plan.n_planned(search_spec(campaign, one.row), one.row.n_planned) for one in numbers]
+    planned = [scheduler.n_planned(search_spec(campaign, one.row), one.row.n_planned) for one in numbers]
     rate = chronicle.rate_per_min(end)
     return CampaignCard(
         **item_fields(campaign, numbers),

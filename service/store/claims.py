@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 
 from service.db.dialect import plain
 from service.db.tables import AttemptRow, CampaignRow, CaseRow, JobRow, SearchRow, SolutionRow, SolveRow
-from service.scheduler.plan import LONGEST_BACKOFF_S, Share, in_turn, mean_cost_s
+from service.scheduler import LONGEST_BACKOFF_S, Share, in_turn, mean_cost_s
 from service.store.cache import definition_of, layout_of_problem, search_spec
 from service.store.errors import OtherClaimant
 from workers.executor import Ticket

@@ -14,6 +14,7 @@ from sqlalchemy.orm.attributes import set_committed_value
 
 from core.problem import content_hash
 from core.search import HopAddress
+from service import scheduler
 from service.db.dialect import insert_new, plain
 from service.db.tables import (
     AttemptRow,
@@ -27,8 +28,7 @@ from service.db.tables import (
 )
 from service.db.transitions import ENDED
 from service.logs import say
-from service.scheduler import plan
-from service.scheduler.plan import backoff_s
+from service.scheduler import backoff_s
 from service.store.cache import facts_of_problem, search_spec, spec_of
 from service.store.claims import Held, Turn, Worked, find_held, message_of, require_claimant, seeds_of
 from service.store.errors import StoreError, UnknownRow
@@ -177,7 +177,7 @@ def _plan_seeded(
     """Plan the map jobs of every search that takes each seed at once."""
     assert record.trajectory is not None and record.certificate is not None
     job = held.job
-    seed = plan.Candidate(
+    seed = scheduler.Candidate(
         solution_id,
         (job.case_index, job.chain, record.hop),
         search_spec(held.campaign, held.search).outage_sets[job.case_index],
@@ -190,7 +190,7 @@ def _plan_seeded(
             continue
         is_good = record.certificate.strict or search.seeds.tolerance == "paper"
         if is_good and not is_used_up(session, search, row):
-            if add_jobs(session, search, row, plan.map_jobs(spec_of(owner), search, seed), now):
+            if add_jobs(session, search, row, scheduler.map_jobs(spec_of(owner), search, seed), now):
                 work.fed[row.id] = row, owner
 
 
@@ -447,7 +447,7 @@ def _state_after(job: JobRow, ending: Ending) -> str:
         return "done"
     if job.is_cancelling and ending is not Ending.ERROR:
         return "cancelled"
-    return plan.after_failure(ending.value, job.n_failures)
+    return scheduler.after_failure(ending.value, job.n_failures)
 
 
 def _close_attempt(

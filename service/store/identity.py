@@ -25,7 +25,7 @@ from sqlalchemy.orm import Session
 
 from service.db.engine import Database
 from service.db.errors import DatabaseError
-from service.db.identity import AuditRow, SessionRow, TokenRow
+from service.db.tables import AuditRow, SessionRow, TokenRow
 from service.schemas.identity import AuditPage, AuditView, NewToken, Role, TokenView
 from service.store.errors import Conflict, StoreError, UnknownRow
 

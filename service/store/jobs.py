@@ -16,7 +16,7 @@ from sqlalchemy.orm import Session, aliased
 from service.db.dialect import is_drawn
 from service.db.engine import Database
 from service.db.tables import JOB_STATES, AttemptRow, CampaignRow, JobRow, ProblemRow, SearchRow
-from service.scheduler.plan import LeaseSettings
+from service.scheduler import LeaseSettings
 from service.schemas.job import AttemptPage, AttemptsOfJob, JobPage, JobView, QueueView
 from service.schemas.problem import OutageView, ProblemItem, ProblemPage, ProblemView
 from service.schemas.search import HopsView, SearchDetail

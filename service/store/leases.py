@@ -15,8 +15,7 @@ from sqlalchemy import ColumnElement, bindparam, delete, func, literal_column, s
 from sqlalchemy.orm import Session
 
 from service.db.dialect import insert_new, plain
-from service.db.identity import AuditRow
-from service.db.tables import AttemptRow, CampaignRow, EventRow, JobRow, SearchRow, WorkerRow
+from service.db.tables import AttemptRow, AuditRow, CampaignRow, EventRow, JobRow, SearchRow, WorkerRow
 from service.schemas.job import WorkerPage
 from service.store.completion import end_attempt
 from service.store.errors import WorkerRefused

@@ -25,6 +25,7 @@ from sqlalchemy.orm import Session, aliased
 from core.analysis.similarity import features
 from core.problem import Problem, definitions_of, hashes_of, problem_from
 from core.search import refined_problem
+from service import scheduler
 from service.db.dialect import insert_and_tell, insert_new, insert_new_rows, plain
 from service.db.tables import (
     CampaignRow,
@@ -37,8 +38,7 @@ from service.db.tables import (
     SubmissionRow,
 )
 from service.db.transitions import ENDED
-from service.scheduler import plan
-from service.scheduler.plan import Candidate, PlannedJob, Progress
+from service.scheduler import Candidate, PlannedJob, Progress
 from service.spec import Spec, SpecError
 from service.spec.search_spec import SearchSpec
 from service.store.cache import definition_of, search_spec, spec_of
@@ -304,7 +304,7 @@ def _add_searches(session: Session, campaign: CampaignRow, spec: Spec, cases: Ca
             strategy=search.strategy,
             source_id=_source_id(session, spec, search, ids),
             state="waiting",
-            priority=plan.priority(search),
+            priority=scheduler.priority(search),
             weight=search.weight,
         )
         session.add(row)
@@ -328,7 +328,7 @@ def _take_known_seeds(session: Session, campaign: CampaignRow, spec: Spec, now: 
             about = f"search {search.id}: seeds.from: expected {search.seeds.tolerance} solutions"
             raise SpecError(f"{about}, got none from {search.seeds.full_name}, which has ended")
         if search.is_immediate:
-            jobs = [job for seed in known for job in plan.map_jobs(spec, search, seed)]
+            jobs = [job for seed in known for job in scheduler.map_jobs(spec, search, seed)]
             if search.seeds.solution is not None and not jobs:
                 about = f"search {search.id}: seeds.solution: expected one that fits its outages"
                 raise SpecError(f"{about}, got {search.seeds.solution}")
@@ -424,7 +424,7 @@ def _needs_jobs(session: Session, work: Worked) -> bool:
     if search.core_seconds is not None or search.solutions is not None:
         return True
     # Chains are planned some at a time; of a search that feeds on seeds any open job keeps it open.
-    least = plan.CHAINS_AHEAD // 2 if search.seed_k is None else 1
+    least = scheduler.CHAINS_AHEAD // 2 if search.seed_k is None else 1
     ready = {"search_id": work.search.id, "before": least - 1}
     return session.connection().execute(_NTH_QUEUED, ready).first() is None
 
@@ -449,13 +449,13 @@ def _advance_search(
 ) -> None:
     search = search_spec(campaign, row)
     progress = progress_of(session, search, row, source_has_ended)
-    if plan.is_exhausted(search, progress) and progress.n_queued:
+    if scheduler.is_exhausted(search, progress) and progress.n_queued:
         queued = (JobRow.search_id == row.id) & (JobRow.state == "queued")
         session.execute(update(JobRow).where(queued).values(state="cancelled", updated_at=now))
         progress = progress_of(session, search, row, source_has_ended)
-    new = [*plan.next_chains(search, progress), *_chosen_seeds(session, campaign, row, progress)]
+    new = [*scheduler.next_chains(search, progress), *_chosen_seeds(session, campaign, row, progress)]
     added = add_jobs(session, search, row, new, now)
-    state = plan.search_state(search, progress, added)
+    state = scheduler.search_state(search, progress, added)
     if row.state == "paused" and state != "done":
         return
     if state != row.state:
@@ -484,9 +484,9 @@ def _chosen_seeds(
     if not is_first:
         # They were chosen once, when the source ended; each outcome would choose among all of them again.
         return []
-    if plan.is_exhausted(search, progress):
+    if scheduler.is_exhausted(search, progress):
         return []
-    return plan.jobs_of_seeds(spec_of(campaign), search, candidates(session, campaign, row, search))
+    return scheduler.jobs_of_seeds(spec_of(campaign), search, candidates(session, campaign, row, search))
 
 
 def add_jobs(
@@ -511,7 +511,7 @@ def _job_values(search: SearchSpec, row: SearchRow, job: PlannedJob, now: float)
         "seed_id": job.seed_id,
         "mapping": job.mapping,
         "state": "queued",
-        "priority": plan.priority(search),
+        "priority": scheduler.priority(search),
         "attempt": 0,
         "n_failures": 0,
         "created_at": now,
@@ -527,7 +527,7 @@ def progress_of(session: Session, search: SearchSpec, row: SearchRow, source_has
         n_solutions = session.scalar(select(func.count(SolveRow.solution_id.distinct())).where(strict)) or 0
     return Progress(
         n_chains=row.n_planned,
-        n_queued=_at_most(session, row, "queued", plan.CHAINS_AHEAD),
+        n_queued=_at_most(session, row, "queued", scheduler.CHAINS_AHEAD),
         n_running=_at_most(session, row, "running", 1),
         cpu_seconds=row.cpu_seconds,
         n_solutions=n_solutions,
@@ -539,7 +539,7 @@ def is_used_up(session: Session, search: SearchSpec, row: SearchRow) -> bool:
     """Return whether a search has a budget in core seconds or solutions that is used up."""
     if search.core_seconds is None and search.solutions is None:
         return False
-    return plan.is_exhausted(search, progress_of(session, search, row, False))
+    return scheduler.is_exhausted(search, progress_of(session, search, row, False))
 
 
 def _at_most(session: Session, row: SearchRow, state: str, limit: int) -> int:

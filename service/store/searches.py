@@ -16,9 +16,9 @@ from sqlalchemy import Select, case, func, literal_column, select
 from sqlalchemy.orm import Session, aliased
 
 from core.search.settings import LEARNING_RATE, SUCCESS_SHARE, HopSettings
+from service import scheduler
 from service.db.dialect import mixed
 from service.db.tables import JobRow, SearchRow, SolutionRow, SolveRow
-from service.scheduler import plan
 from service.schemas.answer import CampaignState
 from service.schemas.search import (
     BudgetView,
@@ -62,7 +62,7 @@ def get_search(session: Session, campaign_id: int, name: str) -> SearchDetail:
         solve_cpu_seconds=spec.cpu_seconds,
         max_iterations=spec.max_iterations,
         jobs=JobCounts(**numbers.jobs),
-        n_guesses_planned=plan.n_planned(spec, row.n_planned),
+        n_guesses_planned=scheduler.n_planned(spec, row.n_planned),
         n_solves=row.n_solves,
         cpu_seconds=row.cpu_seconds,
         n_paper=levels.get("paper", 0),

@@ -15,9 +15,9 @@ from sqlalchemy.orm import Session
 
 from core.analysis.similarity import features
 from core.problem import Problem, ProblemError, hashes_of, problem_from, validation_message
+from service import scheduler
 from service.db.tables import CampaignRow, CaseRow, JobRow, ProblemRow, SearchRow, SolutionRow, SolveRow
-from service.scheduler import plan
-from service.scheduler.plan import Candidate, PlannedJob
+from service.scheduler import Candidate, PlannedJob
 from service.schemas.problem import BestSolution, ProblemFamily, Relative
 from service.schemas.solution import SeedPage
 from service.spec import Spec, SpecError
@@ -142,7 +142,7 @@ def _page(
     number: int,
     search_id: int | None = None,
 ) -> SeedPage:
-    seeds = plan.chosen(search, found)
+    seeds = scheduler.chosen(search, found)
     try:
         planned = islice(_pairs(spec, search, seeds), search.guesses)
         pairs = list(islice(planned, MOST_PAIRS + 1))
@@ -185,7 +185,7 @@ def _pairs(
     spec: Spec, search: SearchSpec, seeds: Sequence[Candidate]
 ) -> Iterator[tuple[Candidate, PlannedJob]]:
     for number, seed in enumerate(seeds):
-        for job in plan.map_jobs(spec, search, seed, number):
+        for job in scheduler.map_jobs(spec, search, seed, number):
             yield seed, job
 
 

@@ -15,7 +15,7 @@ from service.archive_format.container import Entry
 from service.archive_format.reading import ReadFile
 from service.db.engine import Database, place_of
 from service.db.postgres import server_time
-from service.scheduler.plan import LeaseSettings
+from service.scheduler import LeaseSettings
 from service.schemas.campaign import CampaignCard, CampaignItem, CampaignView, HistoryView
 from service.schemas.job import EventView, JobPage, JobView, WorkerPage
 from service.schemas.problem import ProblemFamily, ProblemPage, ProblemView

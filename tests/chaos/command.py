@@ -6,7 +6,7 @@ A report that the fence refuses leaves a line in the log, for the suite to count
 import os
 import sys
 
-from service.scheduler import plan
+from service import scheduler
 from service.store import Store
 from tests.service import fake_coastarc
 from workers.dispatcher import StaleAttempt
@@ -31,6 +31,6 @@ def noting_what_is_stale(complete_many):
 
 
 if __name__ == "__main__":
-    plan.MAX_FAILURES = int(os.environ.get(FAILURES, plan.MAX_FAILURES))
+    scheduler.MAX_FAILURES = int(os.environ.get(FAILURES, scheduler.MAX_FAILURES))
     Store.complete_many = noting_what_is_stale(Store.complete_many)
     fake_coastarc.main()

@@ -8,7 +8,7 @@ from functools import partial
 from service import cli
 from service.cli import run as cli_run
 from service.coordinator import Coordinator
-from service.scheduler.plan import LeaseSettings
+from service.scheduler import LeaseSettings
 
 #: Seconds of a lease, in place of the usual ones.
 LEASE = "COASTARC_TEST_LEASE_S"

@@ -13,8 +13,16 @@ import pytest
 from core.problem import content_hash, load_problem
 from service import cli
 from service.cli.options import console
-from service.problem_set.check import jumps, read_certificate, read_vector, write_set
-from service.problem_set.problem_set import FOLDER, BenchmarkError, read_set, sha256
+from service.problem_set import (
+    FOLDER,
+    BenchmarkError,
+    jumps,
+    read_certificate,
+    read_set,
+    read_vector,
+    sha256,
+    write_set,
+)
 from service.store.completion import solution_hash
 from workers.measure_solves import Solution
 

@@ -15,7 +15,7 @@ from service.client import Client, ClientError
 from service.coordinator import Coordinator, Crew
 from service.coordinator.supervisor import Supervisor
 from service.db.errors import WriteFault
-from service.scheduler.plan import LeaseSettings
+from service.scheduler import LeaseSettings
 from service.schemas.identity import Role
 from service.store import Store
 from tests.service.campaigns import content, dispatcher_pid, finish, spec_fields, submitted

@@ -4,7 +4,7 @@ import pytest
 from sqlalchemy.exc import OperationalError
 
 from service.coordinator.reaper import Reaper
-from service.scheduler.plan import LeaseSettings, backoff_s
+from service.scheduler import LeaseSettings, backoff_s
 from service.store import Store
 from tests.service.campaigns import submitted
 from tests.service.clock import Clock

@@ -15,10 +15,9 @@ from sqlalchemy.dialects import sqlite
 from sqlalchemy.exc import IntegrityError, OperationalError, StatementError
 
 from service.db import sqlite as sqlite_file
-from service.db.columns import Json, Vector
 from service.db.engine import Database, Moment
 from service.db.errors import DatabaseError, WriteFault
-from service.db.tables import CampaignRow, EventRow
+from service.db.tables import CampaignRow, EventRow, Json, Vector
 
 DIALECT = sqlite.dialect()
 

@@ -15,7 +15,7 @@ from service.coordinator import Coordinator, Crew, coordinator
 from service.coordinator.coordinator import read_history
 from service.db.engine import database_url
 from service.db.errors import DatabaseError, Unavailable
-from service.scheduler.plan import LeaseSettings
+from service.scheduler import LeaseSettings
 from service.schemas.identity import Role
 from service.settings import Settings
 from service.store import Store

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from service.scheduler.plan import (
+from service.scheduler import (
     CHAINS_AHEAD,
     Candidate,
     Progress,

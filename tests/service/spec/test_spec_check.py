@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from service.api.specs import TEMPLATES
+from service.api.problems import TEMPLATES
 from service.spec import load_spec, spec_from
 from service.spec.spec_check import check_fields, check_text, planned
 from service.spec.spec_text import spec_text, toml_text

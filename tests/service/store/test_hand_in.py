@@ -9,7 +9,7 @@ from sqlalchemy import text
 
 from service.coordinator import Coordinator, Crew
 from service.integrity.check import check
-from service.scheduler.plan import LeaseSettings
+from service.scheduler import LeaseSettings
 from service.store import Store, StoreError
 from tests.service.campaigns import content, dispatcher_pid, finish, spec_fields, submitted
 from tests.service.clock import Clock

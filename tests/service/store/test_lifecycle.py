@@ -5,7 +5,7 @@ import sqlite3
 import pytest
 
 from service.db.transitions import TRANSITIONS, transition_triggers
-from service.scheduler.plan import Share, in_turn
+from service.scheduler import Share, in_turn
 from service.spec import spec_from
 from service.store import Store, StoreError, UnknownRow
 from service.store.completion import Report

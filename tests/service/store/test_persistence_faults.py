@@ -18,7 +18,7 @@ from service.cli import run as cli_run
 from service.client import Client, ClientError
 from service.coordinator import Coordinator
 from service.db.engine import Moment
-from service.scheduler.plan import LeaseSettings
+from service.scheduler import LeaseSettings
 from service.store import Store
 from tests.service.by_hand import worker_info
 from tests.service.campaigns import content, finish, spec_fields, submitted

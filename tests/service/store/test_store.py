@@ -5,7 +5,7 @@ import sqlite3
 import pytest
 
 from core.problem import problem_from
-from service.scheduler import plan
+from service import scheduler
 from service.spec import spec_from
 from service.store import Store
 from service.store.solutions import Filter
@@ -256,9 +256,9 @@ def test_nothing_is_revived_where_nothing_died(store):
 
 
 def test_ordered_seeds_are_chosen_once(store, monkeypatch):
-    fields, calls, chosen = spec_fields(guesses=16), [], plan.chosen
+    fields, calls, chosen = spec_fields(guesses=16), [], scheduler.chosen
     fields["search"][1]["seeds"] = {"from": "s0", "order": "delta_v"}
-    monkeypatch.setattr(plan, "chosen", lambda *of: calls.append(of) or chosen(*of))
+    monkeypatch.setattr(scheduler, "chosen", lambda *of: calls.append(of) or chosen(*of))
     submitted(store, fields)
     finish(store)
     assert store.campaign(1).searches[1].n_solves > 2 and len(calls) == 1

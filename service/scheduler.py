@@ -9,6 +9,8 @@ What is shared is processor time: the search whose jobs have had the least of it
 The order of jobs depends on this, what they find does not.
 
 How long a worker may keep a job unasked, and how long a job that failed waits for its next attempt.
+
+Planning: campaign and progress in, next jobs out; pure functions that the store calls.
 """
 
 from collections.abc import Callable, Iterable, Sequence

@@ -5,6 +5,8 @@ PygmoProblem(problem))` is all, with pygmo installed by the extra `pygmo`.  Fitn
 to be minimized, then the defects as equality constraints.  Units are canonical throughout, in which
 variables, objective and partials are near 1, as optimizers without a scaling of their own need it;
 `to_pygmo` and `from_pygmo` convert decision vectors.
+
+P_k in the shapes that other people's programs ask for; nothing here imports those programs.
 """
 
 from typing import Any, Self

@@ -1,1 +1,0 @@
-"""Planning: campaign and progress in, next jobs out; pure functions that the store calls."""
