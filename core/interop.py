@@ -1,12 +1,10 @@
 """P_k as a user-defined problem of pygmo, so that other optimizers can be tried on it.
 
-pygmo asks an object for methods of certain names, so none of its code is needed here: `pygmo.problem(
+pygmo asks an object for methods of certain names, so nothing of it is imported here: `pygmo.problem(
 PygmoProblem(problem))` is all, with pygmo installed by the extra `pygmo`.  Fitness is -m_f of the reference,
 to be minimized, then the defects as equality constraints.  Units are canonical throughout, in which
 variables, objective and partials are near 1, as optimizers without a scaling of their own need it;
 `to_pygmo` and `from_pygmo` convert decision vectors.
-
-P_k in the shapes that other people's programs ask for; nothing here imports those programs.
 """
 
 from typing import Any, Self

@@ -1,9 +1,7 @@
-"""TOML and JSON that users write: bounded before a parser sees it, since parsers trust their text.
+"""Files that users write: text in any Unicode form, and TOML and JSON bounded before they are parsed.
 
 `tomllib` needs memory that grows with the square of the number of parts of a key: more than a gigabyte for
 one key of 40 kB.  A hexadecimal integer may have any number of digits, and no later message could print it.
-
-Text of a file that somebody wrote, in whatever Unicode form their editor chose.
 """
 
 import codecs

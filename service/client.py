@@ -1,9 +1,9 @@
-"""The API for programs: every answer parsed into the models of `service.schemas.answer`.
+"""A client of the API: every answer parsed into the models of `service.schemas`.
 
 `ROUTES` lists what it asks, so that a test can hold it against the OpenAPI document.  Methods are named and
 called as those of the store, so that a command can read either.
 
-    ClientError(RuntimeError)   a coordinator that is not there, or that refuses; its text is for people
+    ClientError(RuntimeError)   a coordinator that cannot be reached, or that refuses; its text is for people
 """
 
 import re

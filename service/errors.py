@@ -1,17 +1,7 @@
 """Every refusal as `application/problem+json` (RFC 9457).
 
-A few threads for requests that keep a processor busy for seconds, and few who wait for them.
-
-What computes a spiral or an orbit must not take the threads on which claims, heartbeats and reads are
-answered.
-
-    BusyError(RuntimeError)   as many heavy requests as there is room for
-
-A request's body: read whole and bounded before a route sees it, and refused if it holds no number.
-
-One that is too large for memory goes to a file, when its route asks for it.
-
-JSON knows neither NaN nor infinities, but Python's parser takes both, and turns 1e999 into one.
+BodyFault(ValueError)     a body that a route cannot read
+BusyError(RuntimeError)   as many heavy requests as there is room for
 """
 
 import logging

@@ -1,26 +1,13 @@
-"""A set of problems with solutions to beat, as it stands in a folder.
+"""The open benchmark: a folder of problems with solutions to beat, written, checked and compared with others.
 
     set.toml          name, version, constants, kernels, tolerances; a table [[case]] for each problem
     target.bsp        the target orbit, the same for all cases
     CASE/problem.toml, vector.csv, states.csv, certificate.json
 
-Whatever a check needs is in the folder, but for DE440, whose digest is.
+Whatever a check needs is in the folder, but for DE440, whose digest is.  A check verifies every solution from
+these files alone; the same solutions give the same files, to the last digit.
 
     BenchmarkError(ValueError)   a folder or a file that is not what it should be
-
-Whether a set is what it says: its files, its constants, and every solution flown again from them alone.
-
-The certificate of a benchmark's solution as a file, and what in it another machine has to find as well.
-
-The states and controls of a solution, and whether they follow from each other.
-
-A decision vector as a table of named entries: written by us, or by anybody who wants to be compared.
-
-A vector from elsewhere beside that of the set for a case.
-
-A set written from solutions: the same solutions give the same files, to the last digit.
-
-The open benchmark: a folder of plain files in, problems and checked solutions out, and the way back.
 """
 
 import csv

@@ -1,16 +1,10 @@
-"""What to do next: which jobs a search still needs, and when it has ended.
+"""Planning: which jobs a search still needs, when it has ended, and whose turn it is.
 
-Every rule depends on the specification and on what is stored, never on the number of workers or on who
-came first, except that budgets in core seconds or solutions end a search at a moment that does.
-
-Whose turn it is: searches share the workers by priority first, then by weight.
-
-What is shared is processor time: the search whose jobs have had the least of it per weight is served next.
-The order of jobs depends on this, what they find does not.
-
-How long a worker may keep a job unasked, and how long a job that failed waits for its next attempt.
-
-Planning: campaign and progress in, next jobs out; pure functions that the store calls.
+Pure functions that the store calls.  Every rule depends on the specification and on what is stored, never on
+the number of workers or on who came first, except that budgets in core seconds or solutions end a search at a
+moment that does.  Searches share the workers by priority first, then by weight: the one whose jobs have had
+the least processor time per weight is served next.  The order of jobs depends on this, what they find does
+not.  How long leases last, and how long a failed job waits for its next attempt, is set here too.
 """
 
 from collections.abc import Callable, Iterable, Sequence

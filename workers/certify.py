@@ -1,14 +1,9 @@
-"""From a verified decision vector to what the archive stores about it.
-
-The certificate of a solution as a document: what an independent flight found, and with what it was found.
+"""Certificates: what an independent verification found of a solution, and with what it was found.
 
 `content` is the same for the same solution on the same machine with the same packages, and `hash` is its
 hash; who made the document and when stands beside it.  Lengths are km, speeds km/s, masses kg; the frame is
-geocentric J2000, epochs are TDB.  docs/verification.md explains every field.
-
-Makes certificates: flies a solution again and writes down what it found, and with what.
-
-Here alone the numbers of `core.verification.certificate` meet a clock and the versions of packages.
+geocentric J2000, epochs are TDB.  docs/verification.md explains every field.  Here alone the numbers of
+`core.verification.certificate` meet a clock and the versions of packages.
 """
 
 import itertools

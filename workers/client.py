@@ -1,8 +1,8 @@
-"""The coordinator over HTTP: one question asked once, and the source of jobs made of five of them.
+"""The coordinator over HTTP: one request sent once, and the source of jobs made of five of them.
 
-Whether and when to ask again is for whoever asks; what may be asked again is raised as `Unreachable`.
+Whether and when to retry is for the caller; what may be retried is raised as `Unreachable`.
 
-    ApiError(RuntimeError)   an address that is none
+    ApiError(RuntimeError)   an invalid URL
         Rejected             an answer that stays the same however often one asks
     Unreachable              see `workers.messages`
 """

@@ -1,11 +1,9 @@
-"""The protocol of everything that runs jobs: inline, a pool of processes, a Ray cluster.
+"""The protocol of everything that runs jobs, and the executor that runs them in the calling process.
 
-An executor may forget all it holds at any time; the coordinator's database is the only truth.
+An executor may lose all it holds at any time; the coordinator's database is the only truth.
 
     ExecutorError(RuntimeError)   asked for what it cannot do
         ExecutorLost              it no longer answers; a new one must be started
-
-Runs jobs in the calling process, one at a time: for tests and for debugging.
 """
 
 from collections import deque

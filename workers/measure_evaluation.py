@@ -2,11 +2,8 @@
 
 All times are CPU times of this thread.  Every kernel runs once before it is timed, so that nothing is
 compiled meanwhile.  The points are uniform references, the same for all k, and their realizations fly the
-reference's controls.
-
-The propagation of an evaluation without its assembly, and the cost of its body positions.
-
-The same arcs by SciPy's DOP853 with the variational equations; its right-hand side is compiled too.
+reference's controls.  Timed apart are the propagation without its assembly, the positions of the bodies, and
+the same arcs by SciPy's DOP853 with the variational equations, whose right-hand side is compiled too.
 """
 
 import time

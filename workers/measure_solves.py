@@ -1,18 +1,10 @@
-"""How often, how fast and how well guesses of one problem are solved.
+"""How often, how fast and how well guesses of one problem are solved: what `coastarc bench solve` measures.
 
-The work of a benchmark: jobs of one solve each, as campaigns run them, on one process or on two.
-
-What is measured is therefore what a campaign pays: `core.solve` or `core.solve_seed` inside `run_job`, by the
-processor time of its thread.  Verification is timed apart.  Compilation and the making of tables happen in a
-first job of every process, which counts nothing.
-
-One measured solve: what it cost, how it ended, and whether its result is strict and locally optimal.
-
-Files of solutions that one benchmark saves and another takes as seeds, and which of them are distinct.
-
-What a set of measured solves comes to: shares with intervals, costs, distributions, failures.
-
-The cases of `bench chain`: which outages, and from which seeds.
+Jobs are of one solve each, as campaigns run them, on one process or on two, so what is measured is what a
+campaign pays: `core.solve` or `core.solve_seed` inside `run_job`, by the processor time of its thread.
+Verification is timed apart.  Compilation and tables are made in a first job of every process, which counts
+nothing.  A set of measured solves is summed up as shares with intervals, costs, distributions and failures;
+its solutions can be saved, and are the seeds of `coastarc bench chain`.
 """
 
 import json

@@ -3,14 +3,14 @@
 A job says everything that its run needs, so that it gives the same result wherever and however often
 it runs.  Decision vectors are in the paper layout and public units (days, throttle [-], rad, kg).
 
-Where jobs come from: the coordinator, behind five calls that carry messages of `workers.messages` alone.
+A source of jobs is the coordinator behind five calls that carry these messages alone; what it raises:
 
 SourceError(RuntimeError)   a source that did not do what it was asked
-Unreachable             no answer now; the same may be asked again
-Faulty              it failed over this very question
-Refused                 it will not work with this worker: its token, its version
-Unacceptable            it will not take this report, however often it comes
-StaleAttempt            the attempt no longer holds the job; the report changes nothing
+    Unreachable             no answer now; the same may be asked again
+        Faulty              it failed over this very question
+    Refused                 it rejects this worker: its token, its version
+    Unacceptable            it rejects this report, however often it comes
+    StaleAttempt            lease lost: the report changes nothing
 """
 
 import hashlib

@@ -1,8 +1,4 @@
-"""The processes below this one: all of them end where nothing can be ended in peace.
-
-What a dispatcher and all processes below it need, told to people and never part of a result.
-
-One thread per solve: a pool with one process per core would otherwise fight itself.
+"""The processes below this one: killing them all, what they use, and one numerical thread for each.
 
 This file imports nothing heavy, since the environment must be set before numpy is first imported.
 """

@@ -1,19 +1,14 @@
-"""What runs inside a Ray worker process: one attempt at one job, from JSON text to JSON text.
+"""What runs on the nodes of a Ray cluster: the task itself, the cluster's folder and token, and a watchdog.
 
-Nothing heavy is imported before the threads of numerical libraries are limited, and nothing of Ray at all:
-the executor makes tasks of these functions.  A worker process is used again for the next job, so kernels and
-compiled code are loaded once.
+A task is one attempt at one job, from JSON text to JSON text.  Nothing heavy is imported before the threads
+of numerical libraries are limited, and nothing of Ray at all: the executor makes tasks of these functions.  A
+worker process is used again for the next job, so kernels and compiled code are loaded once.
 
-The folder of a Ray cluster that is started here: sockets and logs, below the system's temporary folder.
-
-A dispatcher that is killed leaves its folder behind.  The next one takes it away: a lock, which the kernel
-gives back with the process that held it, tells whose folders are still needed.
-
-The secret of a Ray cluster: whoever has it can run anything on its machines.
-
-Ray itself writes its token readable for all users, so the file is ours and its mode is checked.
-
-Notices a Ray cluster that no longer runs tasks; without it a dispatcher would hang with its jobs.
+The folder of a cluster that is started here holds sockets and logs, below the system's temporary folder.  A
+dispatcher that is killed leaves it behind; the next one removes it: a lock, which the kernel releases with
+the process that held it, tells whose folders are in use.  Whoever has the token of a cluster can run anything
+on its machines; Ray itself writes it readable for all users, so the file is ours and its mode is checked.
+The watchdog notices a cluster that no longer runs tasks; without it a dispatcher would hang with its jobs.
 """
 
 import faulthandler

@@ -1,12 +1,8 @@
-"""A campaign's solves in groups, each with its ratios, costs, distinct solutions and delta-v.
+"""Statistics of a campaign: solves in groups, each with its ratios, costs, distinct solutions and delta-v.
 
-Everything is computed from facts that the archive keeps; nothing is flown or solved.  Masses in kg, delta-v
-in km/s.  What cannot be told of a group (a cost without solutions, a mean of nothing) is not a number in the
-records, and None in the rows that are made of them.
-
-What the metrics of a campaign are computed from: facts of its solves, as the archive keeps them.
-
-No solution is flown or solved again for a metric; docs/method.md, section 9.
+Everything is computed from facts that the archive stores; nothing is propagated or solved.  Masses in kg,
+delta-v in km/s.  What is undefined for a group (a cost without solutions, a mean of nothing) is NaN in the
+records, and None in the rows that are made of them.  docs/method.md, section 9.
 """
 
 from collections.abc import Hashable, Iterable, Mapping, Sequence

@@ -1,12 +1,10 @@
-"""A solution in samples, for pictures: where it is, what it weighs, how it thrusts, arc by arc.
+"""A solution in samples, for figures: where it is, what it weighs, how it thrusts, arc by arc.
 
+Samples are dense where an arc curves and sparse where it does not.
 Frames: inertial is geocentric J2000.  Rotating is geocentric too, x along the Moon, z along the Moon's
 angular momentum, both instantaneous, and all lengths are scaled so that the Moon stays at 384,400 km.
-Units: km, kg, rad, days past the departure epoch.  A picture is no proof: `core.verification.verify` is.
-
-Samples along one arc, dense where it curves and sparse where it does not.
-
-Frame: geocentric, J2000 axes.  Units: canonical; times in TU past the departure epoch.
+Units: km, kg, rad, days past the departure epoch; canonical inside.  A figure is no verification:
+`core.verification.verify` is.
 """
 
 from collections.abc import Callable

@@ -1,17 +1,13 @@
-"""What outages do to one trajectory: which ones it recovers from, at what price, and which are too long.
+"""What outages do to one trajectory: which ones it recovers from, at what price, and how likely it survives.
 
-What flows in: a problem, the reference that is flown, and what became of recoveries from outages of several
-segments and durations, each with the reference frozen (`core.search.solve_recovery`).  What flows out: maps
-(segment x duration) of propellant and delay, and the longest outage that each segment takes.
+What flows in: a problem, its reference, what became of recoveries from outages of several segments and
+durations, each with the reference frozen (`core.search.solve_recovery`), and the two laws of outages.  What
+flows out: maps (segment x duration) of propellant and delay, the longest outage that each segment takes, and
+the probabilities of no safe mode, of a single one with and without a recovery, and of several.
 
 A recovery from an outage is one from any shorter outage of the same segment too: the spacecraft only waits
 longer.  So a cell holds the cheapest recovery among those of its duration and of longer ones, and its cost
 never falls with the duration.  Times are in days past departure.
-
-How probable it is that a trajectory survives a missed thrust, and where it is fragile.
-
-What flows in: a missed-thrust analysis and the two laws of outages.  What flows out: the probabilities of no
-safe mode, of a single one with and without a recovery, and of several; and what each segment has of the loss.
 """
 
 from collections.abc import Iterable, Sequence

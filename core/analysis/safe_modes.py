@@ -1,19 +1,10 @@
-"""How often thrust is lost and for how long: counts of safe modes on an arc, durations of outages.
+"""Safe modes: how often thrust is lost and for how long, and how much of that a set of outages covers.
 
-What flows in: Weibull laws and the length of an arc in days.  What flows out: probabilities.  Safe modes form
-a renewal process that starts with the arc: the times between them, the first one included, are independent
-and of one law.  The time that outages themselves last is neglected.
-
-Weibull laws of times, and the two that describe outages: between safe modes, and until recovery.
-
-All times are in days.
-
-How much of what may happen on a trajectory a set of outages covers.
-
-What flows in: a problem, its decision vector and the two laws of outages.  What flows out: the probabilities
-of no safe mode, of a single one that the outages cover or do not, and of several.  Times are in days past
-departure.  The arc ends with the last segment: afterwards the spacecraft coasts on the target, and no thrust
-can be missed.
+What flows in: Weibull laws of the times between safe modes and until recovery, and an arc or a problem with
+its decision vector.  What flows out: probabilities.  Safe modes form a renewal process that starts with the
+arc: the times between them, the first one included, are independent and of one law.  The time that outages
+themselves last is neglected.  An arc ends with the last segment: afterwards the spacecraft coasts on the
+target, and no thrust can be missed.  All times are in days; those of a trajectory are past departure.
 """
 
 from collections.abc import Callable, Sequence

@@ -5,9 +5,8 @@ The force does not depend on the velocity, so the stages carry positions and acc
 columns of its arrays are: state, then d/dr0 (3), d/dv0 (3), d/dm0, and d/du (3).  The step is
 controlled by the state, and the partials are those of the steps taken.
 
-Second derivatives of an arc by quadrature along its trail, with a costate that needs no equation.
-
-Weights l of the end of an arc come in, the Hessian of l . end by (r_a, v_a, m_a, u) goes out.
+Second derivatives of an arc are a quadrature along its trail, with a costate that needs no equation: weights
+l of the end of an arc come in, the Hessian of l . end by (r_a, v_a, m_a, u) goes out.
 """
 
 import numpy as np

@@ -1,17 +1,12 @@
-"""A solution as states that others can interpolate: every trajectory whole, from departure to arrival.
+"""A solution as states that others can interpolate: every trajectory from departure to arrival, and as CSV.
 
 Frame: axes of the ICRF ("J2000" in SPICE), origin at the Earth.  Units: km, km/s, kg, N; epochs in TDB
-seconds past J2000.  States are flown by the integrator of the solver, forwards from the departure and
-backwards from the target, so a jump remains at each matchpoint: the defect.  Control changes only between
-arcs, and no arc is interpolated into the next.
-
-    ExportError(ValueError)   a solution that cannot be written down
-
-Epochs as text: TDB to the microsecond, and the UTC of the leap seconds kernel.
-
-Trajectories sample by sample, as CSV for spreadsheets or NDJSON (one JSON object a line) for programs.
-
+seconds past J2000, as text TDB to the microsecond and UTC by the leap seconds kernel.  States are propagated
+by the integrator of the solver, forwards from the departure and backwards from the target, so a jump remains
+at each matchpoint: the defect.  Control changes only between arcs, and no arc is interpolated into the next.
 A sample where two arcs meet stands in both, since thrust and, at a matchpoint, states differ there.
+
+    ExportError(ValueError)   a solution that cannot be exported
 """
 
 import csv

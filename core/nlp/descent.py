@@ -1,18 +1,12 @@
-"""One Gauss-Newton step of the descent, with corrections for the curvature of the defects.
+"""Descent: a lifted problem with throttle vectors, moved by Gauss-Newton steps until its defects close.
 
-A step minimizes the cost's quadratic model, with damping, on the linearized defects (a small elastic error
-allowed); its Hessian is diagonal up to one direction per segment, so a step costs one small Cholesky
-factorization.  Corrections for the curvature of the defects reuse the factor: without them
-the steps creep along curved valleys, the more so near the Moon.
-
-The lifted problem with throttle vectors for controls: what the descent moves, and how far it may move.
+The phases of a solve are here too: reach the target, respect the thrust limit, save propellant.
 
 z is canonical.  A throttle vector has no singular direction where a segment coasts, and its length may pass
-1 on the way to a solution.
-
-What the descent minimizes beside the defects: a function of the throttles, and of the shooting time.
-
-The phases of a solve by descent: reach the target, respect the thrust limit, save propellant.
+1 on the way to a solution.  A step minimizes the quadratic model of a cost of throttles and shooting time,
+with damping, on the linearized defects (a small elastic error allowed); its Hessian is diagonal up to one
+direction per segment, so a step costs one small Cholesky factorization.  Corrections for the curvature of the
+defects reuse the factor: without them the steps creep along curved valleys, the more so near the Moon.
 """
 
 from collections.abc import Iterator

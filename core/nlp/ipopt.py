@@ -1,8 +1,6 @@
-"""IPOPT with exact second derivatives: from a point with closed defects to the local optimum nearby.
+"""IPOPT with exact second derivatives: from closed defects to the local optimum nearby.
 
-From closed trajectories to the local optimum: descent and IPOPT take turns.
-
-One thread for a solve, whoever asks for it.
+Descent and IPOPT take turns until no turn gains propellant, on one thread of the numerical libraries.
 """
 
 from collections.abc import Iterator

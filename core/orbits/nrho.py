@@ -1,21 +1,14 @@
-"""The near-rectilinear halo orbit: a CR3BP halo made ballistic in the N-body model.
+"""The near-rectilinear halo orbit: a CR3BP halo of a given period made ballistic in the N-body model.
 
-Frame: geocentric, axes J2000, unless relative to the Moon.  Units: canonical, times in TU past the origin
-of the force model.
+The halo is found in the barycentric rotating frame, Earth at (-mu, 0, 0) and Moon at (1 - mu, 0, 0).  It is
+the guess of a multiple shooting with free epochs and a minimum-norm Newton method: patch points hold an epoch
+and a state; a piece between two of them is propagated half forwards from the first and half backwards from
+the second, and its defect is the difference in the middle.
+Frame elsewhere: geocentric, axes J2000, unless relative to the Moon.  Units: canonical, times in TU past the
+origin of the force model.
 
-Southern L2 halo orbits of the Earth-Moon CR3BP, found by their period.
-
-Frame: barycentric, rotating, Earth at (-mu, 0, 0) and Moon at (1 - mu, 0, 0).  Units: canonical.
-
-    HaloError(RuntimeError)   a period without an orbit in reach
-
-A ballistic trajectory from a guess: multiple shooting with free epochs and a minimum-norm Newton method.
-
-Patch points hold an epoch and a state; a piece between two of them is flown half forwards from the first
-and half backwards from the second, and its defect is the difference in the middle.
-Frame: geocentric, axes J2000.  Units: canonical, times in TU past the origin of the force model.
-
-    ShootingError(RuntimeError)   a guess from which the correction does not converge
+    HaloError(RuntimeError)      a period without an orbit in reach
+    ShootingError(RuntimeError)  a guess from which the correction does not converge
 """
 
 import itertools

@@ -1,10 +1,8 @@
-"""Recoveries from outages on a trajectory that is flown as it is: the reference is frozen.
+"""Recoveries from outages with the reference frozen, and seeds solved through shallower outages.
 
 Nothing but the outage ties a realization to a reference that may not move, so each is a transfer of its own:
 it begins with the reference's state as the thruster stops, coasts for at least the outage, and arrives with
 the most mass it can.  docs/missed-thrust.md.
-
-One map job: a seed mapped to a guess for P_k and solved, through shallower outages if need be.
 """
 
 import numpy as np

@@ -1,11 +1,8 @@
 """Compiled second derivatives of a plan's defects, weighted with multipliers: docs/method.md, eqs. 25-35.
 
-Legs are flown forwards; then their matrices, see `core.transcription.plan`, are pulled back from the end
-of each arc to its start.
-
-Second derivatives of the end of one arc by everything that it depends on: docs/method.md, eqs. 26-32.
-
-Variables of an arc, in this order: its start state y_a (7), control u (3), t_a, t_b.
+Legs are propagated forwards; then their matrices, see `core.transcription.plan`, are pulled back from the end
+of each arc to its start.  Variables of an arc, in this order: its start state y_a (7), control u (3), t_a,
+t_b.
 """
 
 from typing import NamedTuple

@@ -2,11 +2,8 @@
 
 The paper layout x lists, for the reference and then for each realization in order of outage,
 (T_s, T_i, T_f, u_1 .. u_N, m_f).  The lifted vector z holds the same entries in canonical units, followed
-by seven numbers (r, v, m) per shooting node.
-
-A start vector for the solver, with the states of its trajectories where a mapping knows them.
-
-Where a transfer begins that is already under way, instead of at the departure.
+by seven numbers (r, v, m) per shooting node.  `Guess` is a start vector with the states of its trajectories
+where a mapping knows them; `Start` is where a transfer begins that is already under way.
 """
 
 from dataclasses import dataclass

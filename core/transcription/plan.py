@@ -1,15 +1,13 @@
-"""The arcs, legs and defects of P_k as flat arrays that compiled code walks through.
+"""The arcs, legs and defects of P_k as flat arrays that compiled code walks through, and their sparsity.
 
 Every arc runs between two moments, and every moment is linear in six time variables: (T_s, T_i, T_f) of the
 reference and of the own trajectory.  Those coefficients are the table of docs/method.md, section 6; all time
 derivatives follow from them.
 
-Which second derivatives of the defects can differ from zero, and where a kernel puts them.
-
-Each leg has a square matrix over: its start state (7), the six times, what its children carry, and the
-controls of its arcs from the last to the first.  A child is a leg that starts where this one ends: it leaves
-its own matrix to its parent, in whose matrix its times and controls are the carried variables.  Only the
-lower triangles count, apart from the first seven rows and columns, which are whole.
+Sparsity of second derivatives: each leg has a square matrix over its start state (7), the six times, what its
+children carry, and the controls of its arcs from the last to the first.  A child is a leg that starts where
+this one ends: it leaves its own matrix to its parent, in whose matrix its times and controls are the carried
+variables.  Only the lower triangles count, apart from the first seven rows and columns, which are whole.
 """
 
 from dataclasses import dataclass

@@ -1,14 +1,11 @@
-"""A solution flown through a third time, by heyoka's Taylor series and the records of DE440 themselves.
+"""A third propagation of a solution: heyoka's Taylor series on the Chebyshev segments of DE440 themselves.
 
 The equations of motion are written once more, as expressions that heyoka differentiates; the coefficients of
-the records are their parameters.  So between two records the bodies are polynomials of time, and no ephemeris
-is called.  How x is read, and where the target is, is as in the second flight.  Bodies are points here: what
-passes through one flies on.  Units: km, km/s, kg, s past the departure epoch.
-
-The Chebyshev records of DE440 as they stand in the file, for an integrator that takes polynomials.
-
-Nothing here comes from `core.ephemeris.tables`, and SPICE evaluates nothing: it is asked for the words of the
-file alone.  Frame: J2000 axes.  Units: km, TDB s past J2000.
+the segments are their parameters.  So between two of them the bodies are polynomials of time, and no
+ephemeris is called: SPICE is asked for the words of the file alone, and nothing comes from
+`core.ephemeris.tables`.  How x is read, and where the target is, is as in `core.verification.repropagation`.
+Bodies are points here: what passes through one flies on.  Frame: J2000 axes.  Units: km, km/s, kg, s past the
+departure epoch; TDB s past J2000 in the file.
 """
 
 import functools

@@ -1,14 +1,10 @@
-"""One arc of flight by SciPy and SPICE, for the verifier alone.
+"""Independent propagation of a solution in halves, by SciPy and SPICE: forward from the departure, backward.
 
-Nothing here comes from `core.dynamics` or `core.transcription`: the equations of motion are written out a
-second time, in other units, on another integrator, with the ephemeris read from the kernels themselves.
-Frame: geocentric, J2000 axes, geometric positions.  Units: km, km/s, kg, s; time in TDB seconds past an
-origin that the pilot is given, since seconds past J2000 would leave too few digits for short steps.
-
-A solution in halves, as the verifier flies it: forward from the departure, backward from the target.
-
-The layout of x, the segments and the outages are read here a second time on purpose: no line is shared with
-`core.transcription` or `core.dynamics`.  Units: km, km/s, kg, s; times in seconds past the departure epoch.
+Nothing here comes from `core.dynamics` or `core.transcription`: the layout of x, the segments, the outages
+and the equations of motion are written out a second time on purpose, in other units, on another integrator,
+with the ephemeris read from the kernels themselves.
+Frame: geocentric, J2000 axes, geometric positions.  Units: km, km/s, kg, s; times in seconds past the
+departure epoch, since seconds past J2000 would leave too few digits for short steps.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,11 +1,9 @@
 """The file itself: a ZIP of JSON lines with a manifest of sizes and digests, equal for equal rows.
 
-Entries have one order, one date and one compression, so that who exports the same again gets the same file.
-Reading trusts nothing: names, sizes and digests are checked before a line is parsed, and no entry is
-unpacked beyond what the manifest says.  Zeros pack a thousand to one, so a small file may be large inside:
-what is in memory at once is bounded by a line, or by some small ones, and never depends on the whole.
-
-What is wrong with a portable file, or with making one.
+Entries have one order, one date and one compression, so that the same export gives the same file.  Reading
+trusts nothing: names, sizes and digests are checked before a line is parsed, and no entry is unpacked beyond
+what the manifest says.  Zeros pack a thousand to one, so a small file may be large inside: what is in memory
+at once is bounded by a line, or by some small ones, and never depends on the whole.
 """
 
 import hashlib

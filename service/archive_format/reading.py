@@ -1,11 +1,9 @@
-"""A portable file read and judged line by line to its end, before anything of it is stored.
+"""A portable file read and checked line by line to its end, before anything of it is stored.
 
-It is read again when it is stored: some lines at a time are in memory, never a whole entry.
-
-The kernels of targets that a portable file carries, under the digest of their content.
-
-A specification names a file of one machine; in a portable file it names an entry, and where that is taken
-in, a file in the data folder.  The hash of a problem depends on the content alone.
+It is read again when it is stored: some lines at a time are in memory, never a whole entry.  Kernels of
+targets travel under the digest of their content: a specification names a file of one machine; in a portable
+file it names an entry, and after an import a file in the data folder.  The hash of a problem depends on the
+content alone.
 """
 
 import copy

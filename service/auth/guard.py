@@ -1,14 +1,10 @@
-"""The gate before every route: who is it, may they, how often, and what is written down about it.
+"""Authentication, authorization, rate limiting and audit logging, before every route.
 
-In order: refusals that hold for everybody (`service.auth.network`), the route (one that
-`service.auth.rights` does not list is for nobody), the identity behind a token or a cookie, its role, its
-limits, the body.
-What a changing request is answered is in the audit before the answer is on its way.
-
-How much one client may ask for: a bucket of requests each, and a number of open streams.
-
-And how many requests of people run at once, so that workers find a thread and a processor.  All of it lives
-in the memory of the web server and is used from its event loop alone.
+In order: refusals that hold for everybody (`service.auth.network`), the route (those that
+`service.auth.rights` does not list are denied), the identity behind a token or a cookie, its role, its rate
+limit and open streams, the body.  Requests of people take turns, so that workers find a thread and a
+processor.  The answer to a request that changes something is in the audit before it is sent.  Limits live in
+the memory of the web server and are used from its event loop alone.
 """
 
 import asyncio

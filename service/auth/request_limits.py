@@ -1,15 +1,9 @@
-"""A request's body: read whole and bounded before a route sees it, and refused if it holds no number.
+"""Bounds on requests: the size of a body, finite numbers in it, and how many heavy requests run at once.
 
-One that is too large for memory goes to a file, when its route asks for it.
-
-JSON knows neither NaN nor infinities, but Python's parser takes both, and turns 1e999 into one.
-
-A few threads for requests that keep a processor busy for seconds, and few who wait for them.
-
-What computes a spiral or an orbit must not take the threads on which claims, heartbeats and reads are
-answered.
-
-    BusyError(RuntimeError)   as many heavy requests as there is room for
+A body is read whole and bounded before a route sees it; one that is too large for memory goes to a file, when
+its route asks for it.  JSON knows neither NaN nor infinities, but Python's parser takes both, and turns 1e999
+into one.  Whatever computes a spiral or an orbit has threads of its own: it must not take those on which
+claims, heartbeats and reads are answered.
 """
 
 import json

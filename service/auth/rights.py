@@ -1,9 +1,7 @@
-"""Who may do what: one line per route, and a route without a line is for nobody.
+"""Roles by route, denied by default; a request's route is resolved before it is dispatched.
 
-`service.auth.guard` looks here before a route runs.  Roles grow, viewer < submitter < admin; a worker
-stands apart: it reads, and takes, keeps and returns jobs, but changes nothing else.
-
-Which route of the application a request will reach, told before the application is asked.
+Roles grow, viewer < submitter < admin; a worker stands apart: it reads, and claims, extends and completes
+jobs, but changes nothing else.
 """
 
 import re

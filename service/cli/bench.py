@@ -1,14 +1,6 @@
-"""`coastarc bench solve`: how often, how fast and how well guesses are solved.
+"""`coastarc bench`: how often, how fast and how well this machine solves guesses and seeds of a problem.
 
-What the long benchmarks share: one-line errors, progress on stderr, and results that survive an end.
-
-Measured solves as tables for the terminal.
-
-`coastarc bench chain`: what seeds become when outages come, by each mapping.
-
-`coastarc bench`: how fast this machine is at what campaigns are made of.
-
-`coastarc bench`: options in, measurements of `workers` as tables or JSON out.
+Progress goes to stderr, and results survive an interruption.
 """
 
 import json

@@ -1,8 +1,6 @@
-"""The command `coastarc`: one line per error, exit code 2, never a traceback for what a user did.
+"""The command `coastarc`: one line per error, exit code 2, never a traceback for a user's mistake.
 
 A command is imported when it is typed: all of them take seconds, many of them much less.
-
-What a user typed wrongly, as one line like every other error.
 """
 
 import re

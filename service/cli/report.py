@@ -1,7 +1,4 @@
-"""`coastarc report`: the report of a campaign as files, or its numbers as JSON.
-
-`coastarc example`: what the paper begins with, run on this machine.
-"""
+"""`coastarc report`, a campaign's report as files or JSON, and `coastarc example`, the paper's example."""
 
 import json
 import re

@@ -1,13 +1,4 @@
-"""`coastarc solutions`: look at solutions, find them again, take them away.
-
-The command that writes the trajectories of a solution to a file.
-
-The command that refines a solution: the same flight in more segments, solved again.
-
-The command that finds a solution again.
-
-The command that certifies solutions: one, those of a campaign, or a whole archive every night.
-"""
+"""`coastarc solutions`: list, show, reproduce, verify, refine and export solutions."""
 
 import io
 import time

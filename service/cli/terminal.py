@@ -1,9 +1,4 @@
-"""What a campaign came to, as tables for the terminal.
-
-One solution for the terminal: what it is, how well it holds, and where it comes from.
-
-Certificates for the terminal: how far a verification is, what it came to, and one certificate in full.
-"""
+"""Tables for the terminal: campaigns, workers and jobs, one solution, and certificates."""
 
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime, timedelta

@@ -1,8 +1,7 @@
-"""A coordinator: archive, web server, what runs beside them, and the dispatcher that it keeps as a child.
+"""A coordinator: archive, web server, background threads, and the dispatcher that it keeps as a child.
 
-Plans after a start what the coordinator before this one had not planned of large campaigns.
-
-Reads the solves that pages tell of after a start, so that no page has to wait for them.
+After a start it plans what is left of large campaigns, and reads the history of solves ahead, so that no page
+has to wait for it.
 """
 
 import hashlib

@@ -1,13 +1,8 @@
-"""Files that never change under their name: read, named by content and compressed once.
+"""Pages and static files: templates by name, and files named by content and compressed once.
 
 The folder `static` is served under /static/<digest>/, so that modules import each other by relative path;
-plotly.js comes from the installed `plotly` package as /static/plotly-<digest>.min.js.
-
-Templates as pages.
-
-The pages of the dashboard: address, name and title of each.
-
-The name is that of its template below `templates/views` and of its module below `static/views`.
+plotly.js comes from the installed `plotly` package as /static/plotly-<digest>.min.js.  The name of a page is
+that of its template below `templates/views` and of its module below `static/views`.
 """
 
 import gzip

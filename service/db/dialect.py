@@ -1,12 +1,8 @@
-"""What SQLite and PostgreSQL say each in its own way, on a connection that is open.
+"""SQL that SQLite and PostgreSQL each say in their own way, and expressions that many queries share.
 
-Rows chosen evenly by their ids, the same ones each time.
-
-Counting by a column, which several queries do.
-
-What tallies have to be: counted from the rows, which takes long.
-
-For archives that had none, for `coastarc db check`, and for tests; see `service.store.statistics`.
+Rows can be sampled evenly by their ids, the same ones each time.  The statements that recount the counters of
+`service.store.statistics` from the rows are slow: they are for archives that had none, for
+`coastarc db check`, and for tests.
 """
 
 from collections.abc import Sequence

@@ -1,9 +1,8 @@
-"""The tables: what was asked for, what is being done, what was found, and from which seed.
+"""The tables: what was asked for, what is being done, what was found, and who may do what.
 
 Times are seconds since 1970 (UTC) of the coordinator's clock.  States and their changes are checked by the
-database, so no program can store one that does not exist.
-
-Who may do what and who did it is here too, and column types that read the same on SQLite and PostgreSQL.
+database, so no program can store one that does not exist.  Column types read the same on SQLite and
+PostgreSQL.
 """
 
 import json

@@ -1,11 +1,7 @@
-"""States of campaigns, searches and jobs, and every change of state that there is.
+"""States of campaigns, searches and jobs, every allowed change of state, and triggers that refuse all others.
 
-The database refuses all others by triggers made from this table, so that no code path can make one.
-
-Triggers that refuse every change of state that `service.db.transitions` does not list.
-
-They come with the tables and go with them; a migration that builds one of the tables anew runs the
-statements again.
+The triggers come with the tables and go with them, so that no code path can make another change; a migration
+that builds one of the tables anew runs the statements again.
 """
 
 from collections.abc import Iterable, Mapping

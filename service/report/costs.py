@@ -1,9 +1,4 @@
-"""What a solution costs together with its seeds: by the paper's definition and by the consistent one.
-
-What solutions cost: delta-v by strategy and duration, and against their own seeds.
-
-What makes the difference: mappings as a factor of their own, and strategies against each other.
-"""
+"""Sections on cost: delta-v, costs with ancestor searches, and what makes the difference."""
 
 from collections.abc import Sequence
 from dataclasses import replace

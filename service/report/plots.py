@@ -1,9 +1,4 @@
-"""Samples side by side: Tukey's boxes, or points where there are few values.
-
-Estimates with their intervals, one row each: a forest plot on a logarithmic axis.
-
-Numbers of a summary as a report shows them: in percent and in seconds, with their intervals.
-"""
+"""Figures that sections share: box plots of samples, forest plots of estimates, and estimates as text."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,9 +1,4 @@
-"""How often strategies succeed, and what a solution costs: ours beside the paper's.
-
-A campaign's solves by strategy, mapping and duration, grouped and summed up once for all sections.
-
-Every case on its own: one table for each number of outages.
-"""
+"""How often strategies succeed and what a solution costs, by strategy, mapping and duration, and by case."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace

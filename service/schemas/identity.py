@@ -1,10 +1,4 @@
-"""Who may do what: one line per route, and a route without a line is for nobody.
-
-`service.auth.guard` looks here before a route runs.  Roles grow, viewer < submitter < admin; a worker
-stands apart: it reads, and takes, keeps and returns jobs, but changes nothing else.
-
-The JSON of tokens, sessions and the audit.
-"""
+"""Roles, tokens, sessions and the audit as the API shows them."""
 
 from datetime import datetime
 from enum import StrEnum

@@ -1,11 +1,7 @@
-"""The specification of a campaign as the text that a user would have written.
+"""A specification as the TOML text that a user would have written, and the line on which a field stands.
 
-Plain data as TOML text, laid out as people write specifications: short tables and lists on one line.
-
-Where in a TOML text a field stands: what the parser of the standard library does not tell.
-
-Headers and the keys at the beginning of lines are found, which is how specifications are written; a field
-inside an inline table is found by the line on which that begins.
+Text is laid out as people write specifications: short tables and lists on one line.  Lines are found by
+headers and by the keys that begin a line; a field inside an inline table has the line on which that begins.
 """
 
 import json

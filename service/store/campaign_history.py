@@ -1,20 +1,11 @@
 """How a campaign came to what it has found: improvements, outcomes over time, seeds, delta-v.
 
-How a solve is counted: each once, by the verifier's word where there is one.
-
-Outcomes over time in a bounded number of bins, which grow wider as a campaign grows older.
-
-What a campaign has found so far, kept in memory and brought up to date solve by solve.
-
-A chronicle holds counts, sums, the moments of improvement and the delta-v of all solutions; it is made from
-the rows of `service.store.campaign_history`, in the order in which they were stored.
-
-The chronicles of all campaigns, brought up to date with every question about them.
-
-A solve is stored once and never changed, and the one writer stores them in order of id; so each is read
-once in the life of a process, and a page that asks every second costs what is new.  After a start there may
-be a million to read: a coordinator then reads ahead, piece by piece; a question meanwhile reads one piece
-more, and its answer says how far that was.
+A history holds counts, sums, moments of improvement and the delta-v of all solutions.  It is cached in memory
+and brought up to date with every question: a solve is stored once and never changed, and the one writer
+stores them in order of id, so each is read once in the life of a process.  After a start there may be a
+million to read: a coordinator then reads ahead, piece by piece; a question meanwhile reads one piece more,
+and its answer says how far that was.  Outcomes over time are counted in a bounded number of bins, which grow
+wider as a campaign grows older; each solve counts once, by the verification where there is one.
 """
 
 import threading

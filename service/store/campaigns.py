@@ -1,10 +1,6 @@
-"""Campaigns and their searches in numbers.
+"""Campaigns and their searches: their numbers, lists of them, and how operators control them.
 
-Campaigns in a list, each with how far it is and what it has found: quick however large they are.
-
-What an operator may do to campaigns, searches and jobs: pause, resume, cancel, try again.
-
-Asking for what is so already changes nothing.
+Lists cost little however large campaigns are.  Pause, resume, cancel and retry are idempotent.
 """
 
 from collections.abc import Sequence

@@ -1,13 +1,7 @@
-"""Which solutions are asked for, as conditions of a query.
+"""Which solutions are asked for: filters, pages of a sorted list, and campaigns by id or name.
 
-Rows by what users call them.
-
-One page of a list of solutions: in which order, and from where on.
-
-A page hangs on the values of the last item of the one before, so what arrives meanwhile neither repeats nor
-hides anything.
-
-What a filter of solutions can be set to, from the few rows that name it.
+A page is found by the values of the last item of the one before (keyset pagination), so what arrives
+meanwhile neither repeats nor hides anything.
 """
 
 from collections.abc import Sequence

@@ -1,9 +1,7 @@
-"""Tokens as text: made, taken apart, hashed.  No table and no request is known here.
+"""Tokens, sessions and the audit: who may use the archive, and who did what.
 
 A token is `coastarc_<id>_<secret>`.  The id finds its row and may be shown; the secret is 32 random bytes,
 of which only a hash is ever stored: at 256 bits nobody guesses, so the hash need not be slow.
-
-Tokens, sessions and the audit: who may use the archive, and who did what.
 
 RefusedToken(StoreError)   a token or session that is not in force, or none at all
 TakenName(Conflict)        a token of this name is in use

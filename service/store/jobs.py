@@ -1,11 +1,4 @@
-"""Problems and jobs, as lists.
-
-Attempts: those of a window of time, and those at a job.
-
-The queue: how many jobs wait, run or were given up, where, and since when.
-
-What the pages of a search and of the workers look at.
-"""
+"""Problems, jobs, attempts and the queue, as lists."""
 
 from collections.abc import Callable, Sequence
 from typing import Any

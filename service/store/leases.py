@@ -1,10 +1,7 @@
-"""Leases: renewed by heartbeats, taken back when they run out or when their workers are gone.
+"""Leases and workers: leases renewed by heartbeats, expired ones taken back, and old rows pruned.
 
-Workers: they register with every claim and heartbeat, and must compute what the coordinator would.
-
-What the archive forgets: its audit and its events would else grow for as long as a service runs.
-
-Results, jobs and attempts are never forgotten.
+Workers register with every claim and heartbeat, and must compute what the coordinator would.  Results, jobs
+and attempts are never pruned.
 """
 
 import platform

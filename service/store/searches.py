@@ -1,10 +1,7 @@
-"""One search: how it is set up and how far it is, quickly however many solves it has.
+"""One search: its settings and progress, quickly however many solves it has, and its hops chain by chain.
 
-Step sizes of a chain, told from what became of its hops.
-
-They are not stored: what `core.search.Chain` makes of its width follows from its moves alone.
-
-The solves of a search, chain by chain: all, or whole chains drawn evenly from all.
+Of many chains, whole ones are drawn evenly from all.  Step sizes of adaptive chains are not stored: they are
+reconstructed from hop outcomes, from which alone they follow.
 """
 
 import math

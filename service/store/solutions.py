@@ -1,9 +1,4 @@
-"""Solutions as records: found by whom, from which seed, and certified how.
-
-Certificates of solutions: stored, found again, and shown.
-
-The missed-thrust analyses of a solution, read from the campaigns that made them.
-"""
+"""Solutions as records, their certificates, and the missed-thrust analyses that were made of them."""
 
 from dataclasses import dataclass
 from datetime import UTC, datetime

@@ -1,4 +1,6 @@
-"""Counts of rows that only grow in number, kept per search in the transaction that adds the rows.
+"""Counters, the facts behind a campaign's statistics, and what /metrics reads.
+
+Counters are rows per search that grow in the transaction that adds what they count:
 
 | of       | by                                                            |
 |----------|---------------------------------------------------------------|
@@ -10,11 +12,7 @@
 | solution | where nobody had found it before: see `scope_of`              |
 | strict   | the same, of solutions that are strict                        |
 
-The facts of a campaign's solves, from which its metrics are made.
-
-What operators watch: how much waits, how old it is, how it ends, and how large the archive grows.
-
-All of it is read from the tables when it is asked for, so that a restart loses nothing.
+Operators' metrics are read from the tables when they are asked for, so that a restart loses nothing.
 """
 
 from collections import Counter, defaultdict

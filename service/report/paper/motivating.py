@@ -1,9 +1,7 @@
-"""The paper's motivating example: an outage of 60 hours on the first burn of a nominal transfer.
+"""The paper's motivating example, and its figure: an outage of 60 hours on the first burn of a transfer.
 
 The nominal transfer is solved from a stored start, the recovery from nothing but what is left of it; both are
-flown again by the verifier.  The paper's own trajectory is not public, so the numbers differ from its own.
-
-The motivating example as the paper draws it: both paths, and mass and throttle beside each other.
+verified independently.  The paper's own trajectory is not public, so the numbers differ from its own.
 """
 
 import json

@@ -1,9 +1,4 @@
-"""The sections that need no solve: how large Jacobians are, and what outages are to be expected.
-
-Which entries of a Jacobian are there, and how their number grows with the number of segments.
-
-How many safe modes an arc sees, and how long outages last.
-"""
+"""Sections that need no solve: the sparsity of Jacobians, and how often and how long thrust is lost."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
