@@ -22,7 +22,7 @@ READS = (
 
 
 @dataclass(slots=True)
-class Felt:
+class Latency:
     """Times of requests [s]."""
 
     reads: dict[str, list[float]] = field(default_factory=dict)
@@ -43,7 +43,7 @@ class Probe:
         self._event = 0
         self._turns: Iterator[str] = cycle(READS)
         self._n_submits = 0
-        self.felt = Felt()
+        self.felt = Latency()
 
     def read(self) -> None:
         """Make the read whose turn it is."""

@@ -19,14 +19,14 @@ from pydantic import BaseModel, ValidationError
 
 from core.errors import UserError
 from service.auth.network import MAX_PORTABLE_BYTES
-from service.schemas.campaign import CampaignCards, CampaignItem, CampaignView, TakenInView
+from service.schemas.campaign import CampaignCards, CampaignItem, CampaignView, ImportView
 from service.schemas.job import EventPage, EventView, JobPage, JobView, WorkerPage
 from service.schemas.problem import ProblemView
-from service.schemas.search import PriorityWanted, WeightWanted
+from service.schemas.search import PriorityRequest, WeightRequest
 from service.schemas.solution import MissedThrustPage, RecordInFull, RecordPage, Reproduction, SeedPage
 from service.spec.spec import SeedChoices
-from workers.client import TIMEOUT_S, Api, ApiError, Rejected
-from workers.messages import Unreachable
+from workers.client import TIMEOUT_S, Api, ApiError, RejectedError
+from workers.messages import UnreachableError
 
 A = TypeVar("A", bound=BaseModel)
 T = TypeVar("T")
@@ -74,10 +74,10 @@ ROUTES = {
         f"{verb}_search": Route("POST", f"{_SEARCH}/{verb}", CampaignView)
         for verb in ("pause", "resume", "cancel")
     },
-    "import_campaign": Route("POST", "/campaigns/import", TakenInView),
-    "order_campaign": Route("POST", f"{_ONE}/priority", CampaignView),
-    "order_search": Route("POST", f"{_SEARCH}/priority", CampaignView),
-    "weigh_search": Route("POST", f"{_SEARCH}/weight", CampaignView),
+    "import_campaign": Route("POST", "/campaigns/import", ImportView),
+    "set_campaign_priority": Route("POST", f"{_ONE}/priority", CampaignView),
+    "set_search_priority": Route("POST", f"{_SEARCH}/priority", CampaignView),
+    "set_search_weight": Route("POST", f"{_SEARCH}/weight", CampaignView),
     "solutions": Route("GET", "/solutions", RecordPage, ("campaign", "search", "strict", "limit", "after")),
     "record": Route("GET", "/solutions/{solution_id}", RecordInFull),
     "reproduction": Route("GET", "/solutions/{solution_id}/reproduction", Reproduction),
@@ -125,7 +125,7 @@ class Client:
         )
         return view, status in (201, 202)
 
-    def import_campaign(self, file: Path) -> TakenInView:
+    def import_campaign(self, file: Path) -> ImportView:
         """Send a portable file, of which all is taken in or nothing."""
         more: dict[str, Any] = {"headers": {"Content-Type": "application/zip"}, "timeout": _PORTABLE}
         try:
@@ -139,7 +139,7 @@ class Client:
                     f"coordinator and take it in on its machine, with --data"
                 )
             path = ROUTES["import_campaign"].path
-            return _named(lambda: self._api.ask("POST", path, TakenInView, content=content, **more))
+            return _named(lambda: self._api.ask("POST", path, ImportView, content=content, **more))
 
     def control_campaign(self, campaign_id: int, verb: Verb) -> CampaignView:
         """Pause, resume or cancel a campaign."""
@@ -149,20 +149,20 @@ class Client:
         """Pause, resume or cancel a search."""
         return self._ask(f"{verb}_search", CampaignView, campaign_id=campaign_id, name=search)
 
-    def order_campaign(self, campaign_id: int, priority: int) -> CampaignView:
+    def set_campaign_priority(self, campaign_id: int, priority: int) -> CampaignView:
         """Change when a campaign gets workers; lower goes first."""
-        body = PriorityWanted(priority=priority)
-        return self._ask("order_campaign", CampaignView, body, campaign_id=campaign_id)
+        body = PriorityRequest(priority=priority)
+        return self._ask("set_campaign_priority", CampaignView, body, campaign_id=campaign_id)
 
-    def order_search(self, campaign_id: int, search: str, priority: int) -> CampaignView:
+    def set_search_priority(self, campaign_id: int, search: str, priority: int) -> CampaignView:
         """Change when a search gets workers; lower goes first."""
-        body = PriorityWanted(priority=priority)
-        return self._ask("order_search", CampaignView, body, campaign_id=campaign_id, name=search)
+        body = PriorityRequest(priority=priority)
+        return self._ask("set_search_priority", CampaignView, body, campaign_id=campaign_id, name=search)
 
-    def weigh_search(self, campaign_id: int, search: str, weight: float) -> CampaignView:
+    def set_search_weight(self, campaign_id: int, search: str, weight: float) -> CampaignView:
         """Change how large a part of the workers a search gets, beside those of equal priority."""
-        body = WeightWanted(weight=weight)
-        return self._ask("weigh_search", CampaignView, body, campaign_id=campaign_id, name=search)
+        body = WeightRequest(weight=weight)
+        return self._ask("set_search_weight", CampaignView, body, campaign_id=campaign_id, name=search)
 
     def cancel_job(self, job_id: int) -> JobView:
         """Take a job out of the queue, or have it stopped."""
@@ -188,7 +188,7 @@ class Client:
         """Yield the portable file of a campaign piece by piece."""
         try:
             yield from self._api.pieces(f"{_ONE}/export".format(campaign_id=campaign_id), PORTABLE_S)
-        except (ApiError, Unreachable) as error:
+        except (ApiError, UnreachableError) as error:
             raise _client_error(error) from error
 
     def find_campaign(self, name_or_id: str) -> int:
@@ -278,7 +278,7 @@ class Client:
                 for line in lines:
                     if line.startswith("data:"):
                         yield EventView.model_validate_json(line.removeprefix("data:"))
-        except (Unreachable, Rejected) as error:
+        except (UnreachableError, RejectedError) as error:
             raise _client_error(error) from error
         except ValidationError as error:
             raise ClientError(f"events: expected those of this version, got {error}") from error
@@ -308,15 +308,15 @@ def _choice(wanted: SeedChoices) -> dict[str, Any]:
 def _named(ask: Callable[[], T]) -> T:
     try:
         return ask()
-    except (ApiError, Unreachable) as error:
+    except (ApiError, UnreachableError) as error:
         raise _client_error(error) from error
 
 
-def _client_error(error: ApiError | Unreachable) -> ClientError:
-    if isinstance(error, Rejected):
+def _client_error(error: ApiError | UnreachableError) -> ClientError:
+    if isinstance(error, RejectedError):
         advice = "; name a file with one in force by COASTARC_TOKEN_FILE" if error.status == 401 else ""
         return ClientError(f"{error}{advice}", error.status, error.code)
-    if isinstance(error, Unreachable) and error.status is not None:
+    if isinstance(error, UnreachableError) and error.status is not None:
         return ClientError(str(error), error.status)
-    advice = "; start one with `coastarc serve`" if isinstance(error, Unreachable) else ""
+    advice = "; start one with `coastarc serve`" if isinstance(error, UnreachableError) else ""
     return ClientError(f"{error}{advice}")

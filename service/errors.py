@@ -1,6 +1,6 @@
 """Every refusal as `application/problem+json` (RFC 9457).
 
-BodyFault(ValueError)     a body that a route cannot read
+BodyError(ValueError)     a body that a route cannot read
 BusyError(RuntimeError)   as many heavy requests as there is room for
 """
 
@@ -17,14 +17,14 @@ from starlette.exceptions import HTTPException
 from core.errors import fault_lines
 from core.export import ExportError
 from core.problem import ProblemError
-from service.archive_format.container import PortableConflict, PortableError
-from service.db.errors import Unavailable, WriteFault
+from service.archive_format.container import PortableConflictError, PortableError
+from service.db.errors import UnavailableError, WriteError
 from service.schemas.answer import Fault
 from service.spec import SpecError
-from service.store import StoreError, UnknownRow
-from service.store.errors import Conflict, OtherClaimant
-from service.store.identity import RefusedToken
-from workers.dispatcher import StaleAttempt
+from service.store import StoreError, UnknownRowError
+from service.store.errors import ConflictError, OtherClaimantError
+from service.store.identity import RefusedTokenError
+from workers.messages import StaleAttemptError
 
 #: After which time a client should ask again for what is busy [s].
 BUSY_PAUSE_S = 10
@@ -34,7 +34,7 @@ class BusyError(RuntimeError):
     """As many heavy requests as there is room for."""
 
 
-class BodyFault(ValueError):
+class BodyError(ValueError):
     """A body that no route will see; carries the status of the refusal."""
 
     def __init__(self, status: int, detail: str) -> None:
@@ -90,9 +90,9 @@ def too_many(detail: str, seconds: int) -> JSONResponse:
     return problem_response(429, f"{detail}; wait {seconds} s", {"Retry-After": str(seconds)})
 
 
-def unavailable(error: Unavailable) -> JSONResponse:
+def unavailable(error: UnavailableError) -> JSONResponse:
     """Return the refusal of an archive that cannot be used now; where it is is for the log alone."""
-    expected = "take a write" if isinstance(error, WriteFault) else "answer"
+    expected = "take a write" if isinstance(error, WriteError) else "answer"
     detail = f"archive: expected to {expected}, got a fault; what was stored before is kept"
     return problem_response(503, detail, {"Retry-After": str(ARCHIVE_PAUSE_S)}, code="archive_unavailable")
 
@@ -141,24 +141,24 @@ def add_error_handlers(app: FastAPI) -> None:
     def unusable(_: Request, error: Exception) -> JSONResponse:
         return problem_response(422, str(error))
 
-    @app.exception_handler(PortableConflict)
-    def portable(_: Request, error: PortableConflict) -> JSONResponse:
+    @app.exception_handler(PortableConflictError)
+    def portable(_: Request, error: PortableConflictError) -> JSONResponse:
         return problem_response(409, str(error), code="wrong_state")
 
-    @app.exception_handler(BodyFault)
-    def body(_: Request, error: BodyFault) -> JSONResponse:
+    @app.exception_handler(BodyError)
+    def body(_: Request, error: BodyError) -> JSONResponse:
         return problem_response(error.status, str(error))
 
     @app.exception_handler(BusyError)
     def busy(_: Request, error: BusyError) -> JSONResponse:
         return problem_response(503, str(error), {"Retry-After": str(BUSY_PAUSE_S)})
 
-    @app.exception_handler(StaleAttempt)
-    def stale(_: Request, error: StaleAttempt) -> JSONResponse:
+    @app.exception_handler(StaleAttemptError)
+    def stale(_: Request, error: StaleAttemptError) -> JSONResponse:
         return problem_response(409, str(error), code="stale_attempt")
 
-    @app.exception_handler(Unavailable)
-    def unusable_archive(request: Request, error: Unavailable) -> JSONResponse:
+    @app.exception_handler(UnavailableError)
+    def unusable_archive(request: Request, error: UnavailableError) -> JSONResponse:
         request.app.state.store.outage.tell(error)
         return unavailable(error)
 
@@ -170,20 +170,20 @@ def add_error_handlers(app: FastAPI) -> None:
 
 
 def _add_store_handlers(app: FastAPI) -> None:
-    @app.exception_handler(RefusedToken)
-    def refused(_: Request, error: RefusedToken) -> JSONResponse:
+    @app.exception_handler(RefusedTokenError)
+    def refused(_: Request, error: RefusedTokenError) -> JSONResponse:
         return unauthorized(str(error))
 
-    @app.exception_handler(UnknownRow)
-    def unknown(_: Request, error: UnknownRow) -> JSONResponse:
+    @app.exception_handler(UnknownRowError)
+    def unknown(_: Request, error: UnknownRowError) -> JSONResponse:
         return problem_response(404, str(error))
 
-    @app.exception_handler(Conflict)
-    def conflict(_: Request, error: Conflict) -> JSONResponse:
+    @app.exception_handler(ConflictError)
+    def conflict(_: Request, error: ConflictError) -> JSONResponse:
         return problem_response(409, str(error), code=error.code)
 
-    @app.exception_handler(OtherClaimant)
-    def claimant(_: Request, error: OtherClaimant) -> JSONResponse:
+    @app.exception_handler(OtherClaimantError)
+    def claimant(_: Request, error: OtherClaimantError) -> JSONResponse:
         return problem_response(403, str(error), code="other_claimant")
 
     @app.exception_handler(StoreError)

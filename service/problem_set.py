@@ -46,7 +46,7 @@ from core.plain_data import read_toml as tables_in
 from core.problem import Problem, ProblemError, content_hash, problem_from
 from core.tolerances import STRICT, violation
 from core.transcription import layout_of
-from core.verification.repropagation import Pilot, Unflyable
+from core.verification.repropagation import Pilot, UnflyableError
 from core.verification.verify import verify
 from service.api.vector_files import vector_lines
 from service.schemas.answer import Answer, Check
@@ -280,7 +280,7 @@ def jumps(path: Path, problem: Problem) -> Jumps:
         found = [_jump(pilot, rows[0], rows[-1]) for rows in arcs]
     except (KeyError, ValueError, TypeError) as error:
         raise BenchmarkError(f"{path}: expected columns of states and controls, got {error}") from error
-    except (Unflyable, SpiceyError) as error:
+    except (UnflyableError, SpiceyError) as error:
         told = getattr(error, "short", None) or error
         raise BenchmarkError(f"{path}: expected arcs that can be flown, got one with {told}") from error
     if not found:

@@ -18,7 +18,7 @@ from core.problem import load_problem
 from service.app import create_app
 from service.auth.network import Access
 from service.schemas.identity import Role
-from service.solutions.verification import Asked, verify_solutions
+from service.solutions.verification import VerificationRequest, verify_solutions
 from service.spec.missed_thrust import analysis_spec, grid_of
 from service.store import Store
 from tests.workers.jobs import worker_info
@@ -179,7 +179,7 @@ def ask_solutions(asks: Recorder, solution: dict[str, Any]) -> None:
 
 def analysed(asks: Recorder, store: Store, solution: dict[str, Any]) -> None:
     """Certify a solution, and try what one outage does to it."""
-    list(verify_solutions(store, [solution["id"]], Asked()))
+    list(verify_solutions(store, [solution["id"]], VerificationRequest()))
     definition, _ = store.definition_and_vector(solution["id"])
     problem = load_problem("ppe-drm3").model_validate(definition)
     fields = analysis_spec(solution["id"], problem, grid_of(problem, "40", "1"))
@@ -220,7 +220,7 @@ def recorded(folder: str, other_folder: str) -> dict[str, Any]:
         archive = asks.client.get(f"/api/v1/campaigns/{campaign}/export").content
         taken = Recorder(other).client.post("/api/v1/campaigns/import", content=archive)
         assert taken.is_success, taken.text
-        asks.schemas["TakenInView"] = taken.json()
+        asks.schemas["ImportView"] = taken.json()
         return as_shown({"schemas": asks.schemas, "operations": asks.operations})
 
 

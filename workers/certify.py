@@ -25,7 +25,7 @@ from core.export import trajectory_name
 from core.orbits import departure_state
 from core.problem import Problem, calendar_epoch, content_hash
 from core.transcription import layout_of
-from core.verification.certificate import Certification, FlownAgain, certify, lowest_passages
+from core.verification.certificate import Certification, Repropagation, certify, lowest_passages
 from core.verification.closest_approach import Approach
 from core.verification.end_to_end import apart
 from core.verification.repropagation import ATOL
@@ -367,7 +367,7 @@ def _trajectory(found: Certification, index: int) -> CertifiedTrajectory:
     )
 
 
-def _through(flown: FlownAgain) -> CertifiedThrough:
+def _through(flown: Repropagation) -> CertifiedThrough:
     through = flown.through
     return CertifiedThrough(
         insertion_miss=_pair(through.insertion_miss),

@@ -1,10 +1,10 @@
 """The coordinator over HTTP: one request sent once, and the source of jobs made of five of them.
 
-Whether and when to retry is for the caller; what may be retried is raised as `Unreachable`.
+Whether and when to retry is for the caller; what may be retried is raised as `UnreachableError`.
 
     ApiError(RuntimeError)   an invalid URL
-        Rejected             an answer that stays the same however often one asks
-    Unreachable              see `workers.messages`
+        RejectedError        an answer that stays the same however often one asks
+    UnreachableError         see `workers.messages`
 """
 
 import ipaddress
@@ -24,15 +24,15 @@ from workers.messages import (
     CompleteManyAnswer,
     CompleteManyRequest,
     CompleteRequest,
-    Faulty,
+    FaultyError,
     HandInAnswer,
     HandInRequest,
     HeartbeatAnswer,
     HeartbeatRequest,
-    Refused,
-    StaleAttempt,
-    Unacceptable,
-    Unreachable,
+    RefusedError,
+    StaleAttemptError,
+    UnacceptableError,
+    UnreachableError,
 )
 
 #: Where the routes of the coordinator begin.
@@ -54,7 +54,7 @@ class ApiError(UserError, RuntimeError):
     """A coordinator that cannot be asked, or not this."""
 
 
-class Rejected(ApiError):
+class RejectedError(ApiError):
     """A refusal, with its status and the code that programs go by."""
 
     def __init__(self, status: int, detail: str, code: str | None = None) -> None:
@@ -113,7 +113,7 @@ class Api:
         if not reply.is_success:
             self._refuse(reply)
         if reply.headers.get("content-type", "").startswith("text/html"):
-            raise Rejected(
+            raise RejectedError(
                 reply.status_code, f"coordinator: expected one at {self.url}, got an answer of something else"
             )
         try:
@@ -121,7 +121,7 @@ class Api:
         except ValidationError as error:
             first = error.errors()[0]
             place = ".".join(map(str, first["loc"]))
-            raise Rejected(
+            raise RejectedError(
                 reply.status_code,
                 f"coordinator {self.url}: expected {answer.__name__} from {path}, got {first['msg']} at "
                 f"{place!r}; install the coordinator's version here",
@@ -155,19 +155,19 @@ class Api:
             yield
         except httpx.TransportError as error:
             reason = str(error) or type(error).__name__
-            raise Unreachable(f"coordinator: expected one at {self.url}, got {reason}") from error
+            raise UnreachableError(f"coordinator: expected one at {self.url}, got {reason}") from error
 
     def _refuse(self, reply: httpx.Response) -> NoReturn:
         detail, code = _fault_of(reply)
         if reply.status_code == 500:
-            raise Faulty(f"coordinator {self.url}: expected an answer, got 500, {detail}", status=500)
+            raise FaultyError(f"coordinator {self.url}: expected an answer, got 500, {detail}", status=500)
         if reply.status_code in PASSING:
-            raise Unreachable(
+            raise UnreachableError(
                 f"coordinator {self.url}: expected an answer, got {reply.status_code}, {detail}",
                 _seconds(reply.headers.get("Retry-After", "")),
                 reply.status_code,
             )
-        raise Rejected(reply.status_code, detail, code)
+        raise RejectedError(reply.status_code, detail, code)
 
 
 class HttpSource:
@@ -200,21 +200,21 @@ class HttpSource:
     def _report(self, verb: str, request: BaseModel, answer: type[A]) -> A:
         try:
             return self._ask(verb, request, answer)
-        except Rejected as error:
-            raise Unacceptable(str(error)) from error
+        except RejectedError as error:
+            raise UnacceptableError(str(error)) from error
 
     def _ask(self, verb: str, request: BaseModel, answer: type[A]) -> A:
         try:
             return self._api.ask("POST", f"/jobs/{verb}", answer, request)
-        except Rejected as error:
+        except RejectedError as error:
             if error.status == 401 and self._ask_for_token is not None:
                 self._ask_for_token()
-                raise Unreachable(f"{error}; a new token is asked for") from error
+                raise UnreachableError(f"{error}; a new token is asked for") from error
             if error.code in ("stale_attempt", "other_claimant"):
-                raise StaleAttempt(str(error)) from error
+                raise StaleAttemptError(str(error)) from error
             if verb in REPORTS and error.status in (404, 413, 422):
                 raise
-            raise Refused(str(error)) from error
+            raise RefusedError(str(error)) from error
 
 
 def _fault_of(reply: httpx.Response) -> tuple[str, str | None]:

@@ -31,8 +31,8 @@ from workers import logs
 from workers.child import runner_named
 from workers.client import Api, ApiError, HttpSource
 from workers.dispatcher import Dispatcher
-from workers.executor import Executor, ExecutorError, ExecutorLost, Inline
-from workers.messages import Message, Refused, RowId, WorkerInfo
+from workers.executor import Executor, ExecutorError, ExecutorLostError, Inline
+from workers.messages import Message, RefusedError, RowId, WorkerInfo
 from workers.outbox import Outbox
 from workers.process_pool import ProcessPool
 from workers.process_tree import Usage, kill_descendants
@@ -46,7 +46,7 @@ TOKEN_WANTED, NEW_TOKEN = "token wanted", "token "
 #: How often a child asks for a token at most [s].
 TOKEN_PERIOD_S = 5.0
 #: What makes starting a dispatcher again useless.
-FAULTS = (ApiError, Refused, ExecutorError)
+FAULTS = (ApiError, RefusedError, ExecutorError)
 #: How soon a start is broken off [s].
 STOP_PERIOD_S = 0.2
 #: How long a child whose parent is gone may take to stop in peace [s].
@@ -223,7 +223,7 @@ def main() -> int:
         dispatch(order, stop, tokens)
     except FAULTS as error:
         sys.stdout.write(f"{error}\n")
-        if isinstance(error, ExecutorLost):
+        if isinstance(error, ExecutorLostError):
             sys.stdout.flush()
             # Ray would look for its cluster for 5 s more.
             _end_at_once(EXECUTOR_LOST)

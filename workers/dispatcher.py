@@ -23,14 +23,14 @@ from workers.messages import (
     CompleteManyRequest,
     CompleteRequest,
     Ending,
-    Faulty,
+    FaultyError,
     HandInRequest,
     JobOutcome,
     JobSource,
     SourceError,
-    StaleAttempt,
-    Unacceptable,
-    Unreachable,
+    StaleAttemptError,
+    UnacceptableError,
+    UnreachableError,
     WorkerInfo,
     job_digest,
     wall_limit_s,
@@ -38,8 +38,6 @@ from workers.messages import (
 from workers.outbox import Outbox
 from workers.patience import Awake, Backoff, Outage
 from workers.process_tree import Usage
-
-__all__ = ["Dispatcher", "StaleAttempt"]
 
 log = logging.getLogger(__name__)
 
@@ -141,7 +139,7 @@ class Dispatcher:
         request = ClaimRequest(worker=self._info(), n_jobs=n_jobs, campaign_id=self._campaign_id)
         try:
             answer = self._source.claim(request)
-        except Unreachable as error:
+        except UnreachableError as error:
             self._wait(error)
             return
         self._heard()
@@ -225,10 +223,10 @@ class Dispatcher:
                 return
             try:
                 self._source.hand_in(HandInRequest(job_id=ticket.job_id, attempt=ticket.attempt, part=part))
-            except (Faulty, Unacceptable, StaleAttempt) as error:
+            except (FaultyError, UnacceptableError, StaleAttemptError) as error:
                 # The outcome has them all again, and tells what is wrong where that is refused too.
                 log.warning("job %d: hops not handed in: %s", ticket.job_id, error, extra=_ids(ticket))
-            except Unreachable as error:
+            except UnreachableError as error:
                 self._wait(error)
                 return
             else:
@@ -248,7 +246,7 @@ class Dispatcher:
                 return
             try:
                 self._send(ticket)
-            except Unreachable as error:
+            except UnreachableError as error:
                 self._wait(error)
 
     def _report_many(self) -> None:
@@ -256,10 +254,10 @@ class Dispatcher:
         try:
             reports = tuple(map(self._request, tickets))
             answers = self._source.complete_many(CompleteManyRequest(reports=reports)).answers
-        except (Faulty, Unacceptable, StaleAttempt):
+        except (FaultyError, UnacceptableError, StaleAttemptError):
             # None was taken.  Sent one by one, they tell which of them it is.
             return
-        except Unreachable as error:
+        except UnreachableError as error:
             self._wait(error)
         else:
             for ticket, answer in zip(tickets, answers, strict=True):
@@ -274,16 +272,16 @@ class Dispatcher:
     def _send(self, ticket: Ticket) -> None:
         try:
             answer = self._source.complete(self._request(ticket))
-        except Faulty as error:
+        except FaultyError as error:
             # The others first: whether they are taken shows whose fault it is.
             self._unreported[ticket] = self._unreported.pop(ticket)
             if self._is_given_up(ticket):
                 self._replace(ticket, error)
             else:
                 raise
-        except Unacceptable as error:
+        except UnacceptableError as error:
             self._replace(ticket, error)
-        except StaleAttempt as error:
+        except StaleAttemptError as error:
             # Somebody else has the job now; the fence has done its work.
             level = logging.WARNING if ticket in self._kept else logging.INFO
             log.log(level, "%s", error, extra=_ids(ticket))
@@ -371,7 +369,7 @@ class Dispatcher:
         self._line.succeeded()
         self._outage.end()
 
-    def _wait(self, error: Unreachable) -> None:
+    def _wait(self, error: UnreachableError) -> None:
         self._line.failed(error.wait_s)
         self._keep()
         n = len(self._unreported)

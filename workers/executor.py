@@ -3,7 +3,7 @@
 An executor may lose all it holds at any time; the coordinator's database is the only truth.
 
     ExecutorError(RuntimeError)   asked for what it cannot do
-        ExecutorLost              it no longer answers; a new one must be started
+        ExecutorLostError         it no longer answers; a new one must be started
 """
 
 from collections import deque
@@ -42,7 +42,7 @@ class ExecutorError(UserError, RuntimeError):
     """An executor that was asked for what it cannot do."""
 
 
-class ExecutorLost(ExecutorError):
+class ExecutorLostError(ExecutorError):
     """An executor that no longer answers: what it held is lost, and its process had better end."""
 
 

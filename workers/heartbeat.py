@@ -13,7 +13,7 @@ from workers.messages import (
     HeartbeatRequest,
     HeldJob,
     JobSource,
-    Unreachable,
+    UnreachableError,
     WorkerInfo,
 )
 from workers.patience import Backoff, Outage
@@ -86,7 +86,7 @@ class Heartbeat:
                     next_beat = time.monotonic() + self.period_s
                 backoff.succeeded()
                 pause_s = min(LOOK_S, max(0.0, next_beat - time.monotonic()))
-            except Unreachable as error:
+            except UnreachableError as error:
                 self._outage.tell(f"heartbeat: {error}")
                 pause_s = min(backoff.failed(error.wait_s), self.period_s)
             except Exception as fault:

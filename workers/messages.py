@@ -6,11 +6,11 @@ it runs.  Decision vectors are in the paper layout and public units (days, throt
 A source of jobs is the coordinator behind five calls that carry these messages alone; what it raises:
 
 SourceError(RuntimeError)   a source that did not do what it was asked
-    Unreachable             no answer now; the same may be asked again
-        Faulty              it failed over this very question
-    Refused                 it rejects this worker: its token, its version
-    Unacceptable            it rejects this report, however often it comes
-    StaleAttempt            lease lost: the report changes nothing
+    UnreachableError        no answer now; the same may be asked again
+        FaultyError         it failed over this very question
+    RefusedError            it rejects this worker: its token, its version
+    UnacceptableError       it rejects this report, however often it comes
+    StaleAttemptError       lease lost: the report changes nothing
 """
 
 import hashlib
@@ -407,7 +407,7 @@ class SourceError(UserError, RuntimeError):
     """A source that did not do what it was asked."""
 
 
-class Unreachable(SourceError):
+class UnreachableError(SourceError):
     """No answer now; the same may be asked again, and `wait_s` is how soon at the earliest."""
 
     def __init__(self, detail: str, wait_s: float = 0.0, status: int | None = None) -> None:
@@ -417,19 +417,19 @@ class Unreachable(SourceError):
         self.status = status
 
 
-class Faulty(Unreachable):
+class FaultyError(UnreachableError):
     """A source that failed over this very question, and will perhaps fail over it every time."""
 
 
-class Refused(SourceError):
+class RefusedError(SourceError):
     """The source will not work with this worker; somebody has to look at its token or its version."""
 
 
-class Unacceptable(SourceError):
+class UnacceptableError(SourceError):
     """A report that the source will not take, however often it comes."""
 
 
-class StaleAttempt(SourceError):
+class StaleAttemptError(SourceError):
     """A report on an attempt that no longer holds its job, or that another token claimed; nothing changes."""
 
 

@@ -19,11 +19,11 @@ from typing import Any
 
 import psutil
 
-from workers.executor import CANCEL_GRACE_S, ExecutorError, ExecutorLost, Finished, HandedIn, Ticket
+from workers.executor import CANCEL_GRACE_S, ExecutorError, ExecutorLostError, Finished, HandedIn, Ticket
 from workers.messages import Claim, Ending, Job, JobOutcome
 from workers.process_tree import adopt_orphans, kill, kill_descendants
 from workers.ray_nodes import (
-    ForeignWorker,
+    ForeignWorkerError,
     RayFolder,
     Watchdog,
     checked,
@@ -117,7 +117,7 @@ class RayCluster:
         node = self.ray._private.worker._global_node if self.is_own else None
         for name, process in node.dead_processes() if node is not None else ():
             if name in VITAL:
-                raise ExecutorLost(
+                raise ExecutorLostError(
                     f"ray cluster: expected its {name} to run, got exit code {process.returncode}; "
                     "start the dispatcher again"
                 )
@@ -182,7 +182,7 @@ class RayCluster:
             cause = f"{type(error).__name__} ({error})"
             said = f"ray cluster {options['address']}: expected a connection, got {cause}"
             if self.is_own:
-                raise ExecutorLost(f"{said}; try again") from error
+                raise ExecutorLostError(f"{said}; try again") from error
             raise ExecutorError(f"{said}; token, Ray and Python must be the same as here") from error
         # Ray would print on our stdout what its processes died of, with pages of their logs.
         ray._private.worker.print_to_stdstream = _log_first_line
@@ -192,13 +192,13 @@ class RayCluster:
         try:
             found = self.ray.get(reference, timeout=PROBE_S)
         except self.ray.exceptions.GetTimeoutError as error:
-            raise ExecutorLost(
+            raise ExecutorLostError(
                 f"ray node {node}: expected its versions in {PROBE_S:.0f} s, got none; try again"
             ) from error
         except self.ray.exceptions.RayError as error:
             # A node of ours has our release: whatever it cannot even run a task for, a new one will.
             has_died = self.is_own and not isinstance(error, self.ray.exceptions.RayTaskError)
-            kind = ExecutorLost if has_died else ExecutorError
+            kind = ExecutorLostError if has_died else ExecutorError
             raise kind(f"ray node {node}: expected its versions, got {error}; {remedy}") from error
         if tuple(found) != tuple(versions()):
             raise ExecutorError(f"ray node {node}: {difference(versions(), found)}; {remedy}")
@@ -300,7 +300,7 @@ class RayExecutor:
         """Return what has ended, after waiting at most `timeout` seconds for a first one."""
         try:
             return self._finished(time.monotonic() + timeout)
-        except ExecutorLost:
+        except ExecutorLostError:
             self._cluster.is_lost = True
             raise
 
@@ -357,7 +357,7 @@ class RayExecutor:
     def _outcome(self, attempt: _Attempt) -> JobOutcome:
         try:
             return unpacked(self._ray.get(attempt.reference, timeout=REPLY_S))
-        except ForeignWorker as error:
+        except ForeignWorkerError as error:
             # Ray's error is of the class of its cause, but says the traceback.
             cause = getattr(error, "cause", error)
             raise ExecutorError(f"{cause}; install the same release on every node") from error
@@ -365,7 +365,7 @@ class RayExecutor:
             return JobOutcome(ending=Ending.CANCELLED)
         except self._ray.exceptions.LocalRayletDiedError as error:
             # Every task ends so from now on: jobs would crash at once, again and again, and be given up.
-            raise ExecutorLost(
+            raise ExecutorLostError(
                 f"ray cluster: expected a raylet, got {error}; start the dispatcher again"
             ) from error
         except self._ray.exceptions.RayError as error:

@@ -34,7 +34,7 @@ from typing import Any, NamedTuple
 from platformdirs import user_data_path
 
 from workers.child import runner_named
-from workers.executor import ExecutorError, ExecutorLost
+from workers.executor import ExecutorError, ExecutorLostError
 from workers.messages import Claim, JobOutcome
 from workers.process_tree import require_one_thread, single_threaded
 
@@ -47,7 +47,7 @@ class Versions(NamedTuple):
     code: str
 
 
-class ForeignWorker(RuntimeError):
+class ForeignWorkerError(RuntimeError):
     """A worker process of another version than the dispatcher that sent it a job."""
 
 
@@ -76,7 +76,7 @@ def execute(runner: str, claim: str, expected: tuple[str, ...]) -> bytes:
     with _stop_flag() as stop:
         _limit_threads()
         if tuple(versions()) != tuple(expected):
-            raise ForeignWorker(f"worker on {platform.node()}: {difference(expected, versions())}")
+            raise ForeignWorkerError(f"worker on {platform.node()}: {difference(expected, versions())}")
         outcome = runner_named(runner)(Claim.model_validate_json(claim).job, stop)
     return packed(outcome)
 
@@ -267,7 +267,7 @@ class Watchdog:
     def _count(self, is_answer: bool) -> None:
         self._n_missed = 0 if is_answer else self._n_missed + 1
         if self._n_missed == 2:
-            raise ExecutorLost(
+            raise ExecutorLostError(
                 f"ray cluster: expected an answer in {self._timeout_s:g} s, got none or an error, twice; "
                 "start the dispatcher again"
             )

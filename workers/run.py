@@ -188,7 +188,7 @@ def _hops(job: HopJob, stop: Stop) -> Iterator[tuple[SolveRecord, Chain]]:
 
 
 def _mapped(job: MapJob, stop: Stop) -> Iterator[tuple[SolveRecord, None]]:
-    problem, seed_problem = warmed(job.problem, job.settings), problem_from(job.seed_problem)
+    problem, seed_problem = precompiled(job.problem, job.settings), problem_from(job.seed_problem)
     seed, form = np.array(job.seed_x), _form(job.settings)
     deadline = _Deadline(job.settings, problem, stop)
     stopwatch = Stopwatch()
@@ -220,7 +220,7 @@ def prepared(definition: dict[str, Any], settings: Settings) -> tuple[Problem, T
     return problem, _transcribed(problem, **_form(settings))
 
 
-def warmed(definition: dict[str, Any], settings: Settings) -> Problem:
+def precompiled(definition: dict[str, Any], settings: Settings) -> Problem:
     """Return a problem, in a process that has compiled all that its solve calls."""
     problem = problem_from(definition)
     if not _transcribed.cache_info().currsize:

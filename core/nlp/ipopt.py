@@ -52,7 +52,7 @@ OPTIONS: dict[str, str | float | int] = {
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Polished:
+class PolishedPoint:
     """What IPOPT made of a point."""
 
     #: Decision vector where IPOPT ended, and its lifted form; closed if optimal.
@@ -141,7 +141,7 @@ class _Callbacks:
         return not (self.limits.is_over or self.limits.iterations >= self.last_iteration)
 
 
-def polish(transcription: Transcription, guess: Array | Guess, limits: Limits) -> Polished:
+def polish(transcription: Transcription, guess: Array | Guess, limits: Limits) -> PolishedPoint:
     """Converge to the local optimum near a point whose defects are closed.
 
     Parameters
@@ -174,8 +174,8 @@ def polish(transcription: Transcription, guess: Array | Guess, limits: Limits) -
     w, info = problem.solve(np.clip(z, lower, upper) / scale)
     if info["status"] == 0:
         w = _on_bounds(w, info, lower / scale, upper / scale)
-        return Polished(_decision(transcription, w * scale), w * scale, is_optimal=True)
-    return Polished(_decision(transcription, w * scale), w * scale, is_optimal=False)
+        return PolishedPoint(_decision(transcription, w * scale), w * scale, is_optimal=True)
+    return PolishedPoint(_decision(transcription, w * scale), w * scale, is_optimal=False)
 
 
 def _on_bounds(w: Array, info: dict[str, Any], lower: Array, upper: Array) -> Array:
@@ -262,7 +262,7 @@ def optimize(robust: Robust, is_near: bool) -> ExitStatus:
     return ExitStatus.ACCEPTABLE if is_settled else ExitStatus.STALLED
 
 
-def _close_again(robust: Robust, form: ThrustVectors, polished: Polished) -> bool:
+def _close_again(robust: Robust, form: ThrustVectors, polished: PolishedPoint) -> bool:
     """Take where IPOPT stopped short of the optimum, if that can be closed and is better; return whether."""
     nodes = tuple(form.transcription.nodes_of(polished.z, i) for i in range(1 + len(robust.acting)))
     state = close(form, form.start(Guess(polished.x, nodes)), robust.limits, JOINT_ITERATIONS)

@@ -61,7 +61,7 @@ class Lack(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FlownAgain:
+class Repropagation:
     """One trajectory of a solution as an independent flight finds it."""
 
     #: None for the reference.
@@ -78,7 +78,7 @@ class Certification:
     """All that is certified about a solution; trajectory 0 is the reference."""
 
     verification: Verification
-    trajectories: tuple[FlownAgain, ...]
+    trajectories: tuple[Repropagation, ...]
     #: How low a trajectory may pass each body [km].
     min_altitudes_km: Mapping[str, float]
     marks: tuple[Mark, ...]
@@ -154,7 +154,7 @@ def certify(
     through = [Closest(pilot) for _ in plans]
     flown_through = fly_through(pilot, problem, plans, naif_id, through)
     trajectories = tuple(
-        FlownAgain(
+        Repropagation(
             outage=problem.outages[i - 1] if i else None,
             closest=verification.closest[i],
             closest_through=through[i].approaches,
@@ -180,7 +180,7 @@ def _third(problem: Problem, plans: list[Plan], naif_id: int, found: Verificatio
     return fly_third(problem, plans, naif_id, float(found.arrival_et.max()))
 
 
-def _too_low(trajectories: tuple[FlownAgain, ...], limits: Mapping[str, float]) -> tuple[Mark, ...]:
+def _too_low(trajectories: tuple[Repropagation, ...], limits: Mapping[str, float]) -> tuple[Mark, ...]:
     return tuple(
         Mark(index, approach, limits[approach.body])
         for index, flown in enumerate(trajectories)
@@ -189,7 +189,7 @@ def _too_low(trajectories: tuple[FlownAgain, ...], limits: Mapping[str, float]) 
     )
 
 
-def _too_light(problem: Problem, trajectories: tuple[FlownAgain, ...]) -> tuple[Lack, ...]:
+def _too_light(problem: Problem, trajectories: tuple[Repropagation, ...]) -> tuple[Lack, ...]:
     least = problem.least_final_mass_kg
     arriving = [min(flown.mass.arrival, flown.mass.stated_arrival) for flown in trajectories]
     # The mass may be off by as much as a defect may.

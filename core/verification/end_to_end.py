@@ -12,7 +12,7 @@ import scipy
 
 from core.constants import SECONDS_PER_DAY
 from core.problem import Problem
-from core.verification.repropagation import Array, Pilot, Plan, Unflyable, departure_of, distance
+from core.verification.repropagation import Array, Pilot, Plan, UnflyableError, departure_of, distance
 
 
 class Through(NamedTuple):
@@ -72,7 +72,7 @@ def _through(pilot: Pilot, plan: Plan, departure: float, state: Array, coast: fl
     end, mass_miss, failure = start + plan.shooting, np.nan, ""
     try:
         if not np.all(np.isfinite(state)):
-            raise Unflyable("starts from a reference that could not be flown through")
+            raise UnflyableError("starts from a reference that could not be flown through")
         states[0] = pilot.arc(departure, state, coast)
         for p, control in enumerate(plan.controls):
             states[p + 1] = pilot.arc(start + p * h, states[p], h, pilot.thrust(control))
@@ -80,6 +80,6 @@ def _through(pilot: Pilot, plan: Plan, departure: float, state: Array, coast: fl
         final = pilot.arc(end, states[n], plan.final_coast)
         arrived = distance(final, pilot.target_state(naif_id, end + plan.final_coast))
         mass_miss = float(final[6]) - plan.final_mass
-    except Unflyable as reason:
+    except UnflyableError as reason:
         failure = str(reason)
     return Through(states, inserted, arrived, mass_miss, failure)

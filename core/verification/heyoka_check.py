@@ -22,7 +22,7 @@ from core.constants import GM_EARTH, GM_JUPITER, GM_MOON, GM_SUN
 from core.ephemeris.kernels import check_kernels, planetary_kernel
 from core.problem import Problem
 from core.verification.end_to_end import Third, fly_through
-from core.verification.repropagation import Array, Pilot, Plan, Unflyable, departure_of, pilot_of
+from core.verification.repropagation import Array, Pilot, Plan, UnflyableError, departure_of, pilot_of
 
 #: Target and centre of the runs of records that lead from the Earth to Moon, Sun and Jupiter: both Earth and
 #: Moon are about their barycentre 3; that, the Sun and Jupiter's barycentre 5 are about the solar system's.
@@ -143,7 +143,9 @@ class TaylorPilot(Pilot):
         outcome, _, _, n_steps, *_ = solver.propagate_until(duration, max_steps=MAX_STEPS)
         self.n_evaluations += n_steps
         if outcome != heyoka.taylor_outcome.time_limit or not np.all(np.isfinite(solver.state)):
-            raise Unflyable(f"integration gave up {(time + solver.time) / 86400:.3f} days after departure")
+            raise UnflyableError(
+                f"integration gave up {(time + solver.time) / 86400:.3f} days after departure"
+            )
         return np.array(solver.state)
 
 

@@ -55,7 +55,7 @@ MAX_EVALUATIONS = 200_000
 COAST = (0.0, 0.0, 0.0, 0.0)
 
 
-class Unflyable(RuntimeError):
+class UnflyableError(RuntimeError):
     """An arc that ends in a body, without mass, or nowhere; the message says where."""
 
 
@@ -96,7 +96,7 @@ class Pilot:
         try:
             return np.array(self.state_of(naif_id, time))
         except spiceypy.exceptions.SpiceyError as error:
-            raise Unflyable(f"target: no ephemeris {time / 86400:.3f} days after departure") from error
+            raise UnflyableError(f"target: no ephemeris {time / 86400:.3f} days after departure") from error
 
     def arc(
         self, time: float, state: Array, duration: float, thrust: tuple[float, float, float, float] = COAST
@@ -111,7 +111,7 @@ class Pilot:
         end = state.copy()
         end[6] -= thrust[3] * duration
         if not min(state[6], end[6]) > 0:
-            raise Unflyable(f"no mass left {(time + duration) / 86400:.3f} days after departure")
+            raise UnflyableError(f"no mass left {(time + duration) / 86400:.3f} days after departure")
         if duration != 0.0:
             end[:6] = self._integrated(time, state, time + duration, thrust)
         return end
@@ -125,7 +125,7 @@ class Pilot:
             if self.watcher is not None and solver.status != "failed":
                 self.watcher(solver)
         if solver.status != "finished":
-            raise Unflyable(f"integration gave up {solver.t / 86400:.3f} days after departure")
+            raise UnflyableError(f"integration gave up {solver.t / 86400:.3f} days after departure")
         return np.asarray(solver.y, dtype=np.float64)
 
     def _equations_of_motion(
@@ -163,7 +163,7 @@ class Pilot:
 def _stay_above(radius: float, distance: float, body: int, time: float) -> None:
     # Written so that a distance that is not a number fails too.
     if not (distance > radius and isfinite(distance)):
-        raise Unflyable(f"meets the {NAMES[body]} {time / 86400:.3f} days after departure")
+        raise UnflyableError(f"meets the {NAMES[body]} {time / 86400:.3f} days after departure")
 
 
 class Plan(NamedTuple):
@@ -280,7 +280,7 @@ def _fly(pilot: Pilot, plan: Plan, departure: float, state: Array, coast: float,
             forward[0] = pilot.arc(departure, state, coast)
             for p, control in enumerate(plan.controls[:n_forward]):
                 forward[p + 1] = pilot.arc(start + p * h, forward[p], h, pilot.thrust(control))
-    except Unflyable as reason:
+    except UnflyableError as reason:
         failure = str(reason)
     try:
         at_target = np.append(pilot.target_state(naif_id, arrival), plan.final_mass)
@@ -289,7 +289,7 @@ def _fly(pilot: Pilot, plan: Plan, departure: float, state: Array, coast: float,
         for p in range(len(plan.controls), n_forward, -1):
             i = p - n_forward
             backward[i - 1] = pilot.arc(start + p * h, backward[i], -h, pilot.thrust(plan.controls[p - 1]))
-    except Unflyable as reason:
+    except UnflyableError as reason:
         failure = failure or str(reason)
     return Flown(forward, backward, start, arrival, target_error, failure)
 

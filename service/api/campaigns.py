@@ -12,13 +12,13 @@ from service.api.context import HeavyHere, Id, StoreHere
 from service.api.jobs import CONFLICT
 from service.auth.network import MAX_PORTABLE_BYTES
 from service.auth.request_limits import save_body
-from service.schemas.campaign import CampaignCards, CampaignView, HistoryView, TakenInView
-from service.schemas.search import PriorityWanted, WeightWanted
+from service.schemas.campaign import CampaignCards, CampaignView, HistoryView, ImportView
+from service.schemas.search import PriorityRequest, WeightRequest
 from service.solutions.export import ZIP
 from service.spec import spec_from
 from service.spec.spec_check import require_flyable
 from service.store import Store
-from service.store.archive_files import file_name, packed, pieces, take_in_file
+from service.store.archive_files import file_name, import_file, packed, pieces
 
 router = APIRouter(tags=["campaigns"])
 
@@ -91,7 +91,7 @@ def cancel_campaign(campaign_id: Id, store: StoreHere) -> CampaignView:
 
 
 @router.post("/campaigns/{campaign_id}/priority")
-def set_campaign_priority(campaign_id: Id, wanted: PriorityWanted, store: StoreHere) -> CampaignView:
+def set_campaign_priority(campaign_id: Id, wanted: PriorityRequest, store: StoreHere) -> CampaignView:
     """Let a campaign go before others or after them; lower goes first, 0 is usual."""
     store.set_campaign(campaign_id, priority=wanted.priority)
     return store.campaign(campaign_id)
@@ -120,7 +120,7 @@ def cancel_search(campaign_id: Id, name: SearchName, store: StoreHere) -> Campai
 
 @router.post("/campaigns/{campaign_id}/searches/{name}/weight")
 def set_search_weight(
-    campaign_id: Id, name: SearchName, wanted: WeightWanted, store: StoreHere
+    campaign_id: Id, name: SearchName, wanted: WeightRequest, store: StoreHere
 ) -> CampaignView:
     """Give a search another part of the workers, compared with searches of equal priority."""
     store.set_search(campaign_id, name, weight=wanted.weight)
@@ -129,7 +129,7 @@ def set_search_weight(
 
 @router.post("/campaigns/{campaign_id}/searches/{name}/priority")
 def set_search_priority(
-    campaign_id: Id, name: SearchName, wanted: PriorityWanted, store: StoreHere
+    campaign_id: Id, name: SearchName, wanted: PriorityRequest, store: StoreHere
 ) -> CampaignView:
     """Let a search go before others or after them; lower goes first, -k is usual for S(k|k')."""
     store.set_search(campaign_id, name, priority=wanted.priority)
@@ -166,17 +166,17 @@ async def _sent(request: Request, store: StoreHere) -> AsyncIterator[BinaryIO]:
 @router.post(
     "/campaigns/import",
     status_code=201,
-    responses={200: {"model": TakenInView}, **CONFLICT},
+    responses={200: {"model": ImportView}, **CONFLICT},
     openapi_extra=BODY,
 )
 def import_campaign(
     file: Annotated[BinaryIO, Depends(_sent)], store: StoreHere, response: Response
-) -> TakenInView:
+) -> ImportView:
     """Take in the campaign of a portable file, all of it or nothing; what is there already stays (200)."""
-    taken = take_in_file(store, file, "that was sent")
+    taken = import_file(store, file, "that was sent")
     response.status_code = 201 if taken.new_campaigns else 200
     response.headers["location"] = f"/api/v1/campaigns/{taken.campaign_id}"
-    return TakenInView(**taken._asdict())
+    return ImportView(**taken._asdict())
 
 
 @router.get("/campaigns")

@@ -10,7 +10,7 @@ from fastapi.sse import EventSourceResponse, ServerSentEvent
 from starlette.concurrency import run_in_threadpool
 
 from service.api.context import After, CampaignWanted, Id, Limit, StoreHere
-from service.db.errors import Unavailable
+from service.db.errors import UnavailableError
 from service.schemas.job import EventPage
 from service.store import Store
 
@@ -100,7 +100,7 @@ async def _stream(
     while time.monotonic() < end and not request.app.state.is_closing():
         try:
             events = await run_in_threadpool(store.events, last, campaign_id, PAGE)
-        except Unavailable as error:
+        except UnavailableError as error:
             # A browser comes back after a stream that broke, but not after a refusal: so the stream stays.
             store.outage.tell(error)
             events = []

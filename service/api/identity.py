@@ -20,7 +20,7 @@ from service.schemas.identity import (
     TokenView,
 )
 from service.store import Store
-from service.store.identity import COOKIE, RefusedToken
+from service.store.identity import COOKIE, RefusedTokenError
 
 router = APIRouter(tags=["session"])
 pages = APIRouter(include_in_schema=False)
@@ -71,7 +71,7 @@ def send_sign_in(form: Form, request: Request, store: StoreHere) -> Response:
     answer = RedirectResponse(target, status_code=303)
     try:
         _open_session(store, request, answer, form.get("token", "").strip())
-    except RefusedToken as error:
+    except RefusedTokenError as error:
         return _page(target, str(error), 401)
     return answer
 

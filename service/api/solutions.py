@@ -34,7 +34,7 @@ from service.schemas.solution import (
 from service.solutions import export as solution_export
 from service.solutions.export import ALL, MEDIA, ZIP, ExportFormat, Wanted
 from service.solutions.missed_thrust import views_of
-from service.store import Store, UnknownRow
+from service.store import Store, UnknownRowError
 from service.store.filters import Begin, Filter, Order, Sort
 from workers.certify import CertificateDocument
 
@@ -237,7 +237,7 @@ def get_certificate(solution_id: Hash, store: StoreHere) -> CertificateDocument:
     found = store.certificates.latest(solution_id)
     if found is None:
         advice = f"none; make it with `coastarc solutions verify {solution_id[:8]}`"
-        raise UnknownRow("certificate of solution", solution_id, advice)
+        raise UnknownRowError("certificate of solution", solution_id, advice)
     return found
 
 

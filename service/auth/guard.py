@@ -44,9 +44,9 @@ from service.auth.rights import (
     RouteIndex,
     least,
 )
-from service.db.errors import Unavailable
+from service.db.errors import UnavailableError
 from service.errors import (
-    BodyFault,
+    BodyError,
     failed,
     forbidden,
     problem_response,
@@ -57,7 +57,7 @@ from service.errors import (
 )
 from service.schemas.identity import Role
 from service.store import Store
-from service.store.identity import COOKIE, OWNER, Identity, RefusedToken
+from service.store.identity import COOKIE, OWNER, Identity, RefusedTokenError
 
 #: Clients that are remembered; the one seen longest ago is forgotten first.
 MAX_CLIENTS = 10_000
@@ -235,9 +235,9 @@ class Guard:
         if roles is not ANYONE or visit.is_unsafe:
             try:
                 visit.identity = await run_in_threadpool(self._identity, visit.headers)
-            except RefusedToken as error:
+            except RefusedTokenError as error:
                 reason = str(error)
-            except Unavailable as error:
+            except UnavailableError as error:
                 # Nobody knows now whether this is somebody.
                 self._store.outage.tell(error)
                 return unavailable(error)
@@ -250,7 +250,7 @@ class Guard:
         if (given := headers.get("authorization")) is not None:
             scheme, _, token = given.partition(" ")
             if scheme.lower() != "bearer":
-                raise RefusedToken("Authorization: expected Bearer and a token, got another scheme")
+                raise RefusedTokenError("Authorization: expected Bearer and a token, got another scheme")
             return self._store.identities.identify(token.strip())
         if self._access.is_open:
             return OWNER
@@ -277,7 +277,7 @@ class Guard:
         if visit.is_unsafe and visit.line not in UPLOADS:
             try:
                 body = await read_body(receive, visit.headers.get("content-type", ""), most_bytes(visit.path))
-            except BodyFault as fault:
+            except BodyError as fault:
                 await problem_response(fault.status, str(fault))(visit.scope, receive, send)
                 return
             receive = replayed(body, receive)
@@ -323,7 +323,7 @@ class Guard:
             return
         try:
             self._store.identities.record(who, visit.address, visit.method, visit.path[:500], status)
-        except Unavailable as error:
+        except UnavailableError as error:
             # The answer stands whether or not it could be written down.
             self._store.outage.tell(error)
         except Exception:

@@ -17,7 +17,7 @@ import anyio
 import anyio.to_thread
 from starlette.types import Message, Receive
 
-from service.errors import BUSY_PAUSE_S, BodyFault, BusyError
+from service.errors import BUSY_PAUSE_S, BodyError, BusyError
 
 #: How long a client may take to send a body, or the next piece of one that goes to a file [s].
 PATIENCE_S = 30.0
@@ -27,7 +27,7 @@ _SUSPECT = re.compile(rb"NaN|Infinity|[eE]\+?\d{3}|(?<!\d)\d{300}")
 _LARGE_BYTES = 128 * 1024
 
 
-class _NotFinite(Exception):
+class _NotFiniteError(Exception):
     """A number that is none."""
 
 
@@ -40,7 +40,7 @@ async def read_body(receive: Receive, content_type: str, most_bytes: int) -> byt
             pieces.append(message.get("body", b""))
             n_bytes += len(pieces[-1])
             if n_bytes > most_bytes:
-                raise BodyFault(413, f"body: expected at most {most_bytes} bytes, got more")
+                raise BodyError(413, f"body: expected at most {most_bytes} bytes, got more")
             if not message.get("more_body", False):
                 body = b"".join(pieces)
                 if n_bytes > _LARGE_BYTES:
@@ -48,7 +48,7 @@ async def read_body(receive: Receive, content_type: str, most_bytes: int) -> byt
                 else:
                     _require_finite(body, content_type)
                 return body
-    raise BodyFault(408, f"body: expected all of it within {PATIENCE_S:.0f} s, got {n_bytes} bytes")
+    raise BodyError(408, f"body: expected all of it within {PATIENCE_S:.0f} s, got {n_bytes} bytes")
 
 
 async def save_body(receive: Receive, most_bytes: int, file: BinaryIO) -> None:
@@ -60,15 +60,15 @@ async def save_body(receive: Receive, most_bytes: int, file: BinaryIO) -> None:
         with anyio.move_on_after(PATIENCE_S):
             message = await receive()
         if message["type"] != "http.request":
-            raise BodyFault(408, f"body: expected its next piece within {PATIENCE_S:.0f} s, got none")
+            raise BodyError(408, f"body: expected its next piece within {PATIENCE_S:.0f} s, got none")
         piece = message.get("body", b"")
         n_bytes += len(piece)
         if n_bytes > most_bytes:
-            raise BodyFault(413, f"body: expected at most {most_bytes} bytes, got more")
+            raise BodyError(413, f"body: expected at most {most_bytes} bytes, got more")
         try:
             await anyio.to_thread.run_sync(file.write, piece)
         except OSError as error:
-            raise BodyFault(503, f"body: expected room for it, got {error.strerror}") from error
+            raise BodyError(503, f"body: expected room for it, got {error.strerror}") from error
         is_whole = not message.get("more_body", False)
 
 
@@ -87,8 +87,8 @@ def _require_finite(body: bytes, content_type: str) -> None:
         return
     try:
         json.loads(body, parse_float=_finite, parse_constant=_refuse)
-    except _NotFinite as error:
-        raise BodyFault(422, f"body: expected finite numbers, got {error}") from None
+    except _NotFiniteError as error:
+        raise BodyError(422, f"body: expected finite numbers, got {error}") from None
     except (ValueError, RecursionError):
         # No JSON: the route says so in its own words.
         return
@@ -102,7 +102,7 @@ def _finite(text: str) -> float:
 
 
 def _refuse(text: str) -> Any:
-    raise _NotFinite(text[:40])
+    raise _NotFiniteError(text[:40])
 
 
 P = ParamSpec("P")

@@ -14,7 +14,7 @@ from service.cli import terminal
 from service.cli.options import DATA, WORKERS, Data, Json, Workers, client_of, console, print_json
 from service.cli.run import LOG_PERIOD_S, announce, crew_of, run_to_end
 from service.client import Client
-from service.coordinator import Coordinator, Crew
+from service.coordinator import Coordinator, WorkerSetup
 from service.db.transitions import ENDED
 from service.new_file import require_folder
 from service.schemas.solution import MissedThrustView, Record
@@ -113,7 +113,7 @@ def _both(record: Callable[[str], Record], solution: str, beside: str | None) ->
     return [first, record(first.seed_id or "" if beside == "seed" else beside)]
 
 
-def _local(shown: Console, data: Path, record: Record, wanted: Wanted, crew: Crew) -> MissedThrustView:
+def _local(shown: Console, data: Path, record: Record, wanted: Wanted, crew: WorkerSetup) -> MissedThrustView:
     with Coordinator(data) as coordinator:
         store = coordinator.store
         definition, _ = store.definition_and_vector(record.id)

@@ -22,13 +22,13 @@ from service.db.engine import make_folder
 from service.db.transitions import ENDED
 from service.new_file import write_new
 from service.schemas.answer import Answer
-from service.schemas.campaign import CampaignItem, CampaignView, TakenInView
+from service.schemas.campaign import CampaignItem, CampaignView, ImportView
 from service.schemas.job import EventView, JobPage, JobView, WorkerPage, WorkerView
 from service.schemas.solution import SeedPage
 from service.spec.search_spec import SeedOrder
 from service.spec.spec import SeedChoices
 from service.store import Store
-from service.store.archive_files import file_name, portable, take_in_file
+from service.store.archive_files import file_name, import_file, portable
 from workers.client import PASSING
 
 Campaign = Annotated[str, typer.Argument(help="Id or name of a campaign.")]
@@ -155,11 +155,11 @@ def share(
     with client_of(url) as client:
         campaign_id = client.find_campaign(campaign)
         if search is not None and weight is not None:
-            client.weigh_search(campaign_id, search, weight)
+            client.set_search_weight(campaign_id, search, weight)
         if priority is not None and search is not None:
-            client.order_search(campaign_id, search, priority)
+            client.set_search_priority(campaign_id, search, priority)
         elif priority is not None:
-            client.order_campaign(campaign_id, priority)
+            client.set_campaign_priority(campaign_id, priority)
         view = client.campaign(campaign_id)
     print_json(view) if as_json else console.print(terminal.shares(view))
 
@@ -379,7 +379,7 @@ def import_campaign(
     console.print(f"Campaign {taken.campaign_id}: {_news(taken)}.", highlight=False, markup=False)
 
 
-def _news(taken: TakenInView) -> str:
+def _news(taken: ImportView) -> str:
     certificates = f"{taken.n_certificates} new certificates" if taken.n_certificates else ""
     if not taken.new_campaigns:
         return certificates or "nothing is new, all of it was there"
@@ -388,15 +388,15 @@ def _news(taken: TakenInView) -> str:
     return f"{news}, {certificates}" if certificates else news
 
 
-def _sent(url: str, file: Path) -> TakenInView:
+def _sent(url: str, file: Path) -> ImportView:
     with client_of(url) as client:
         return client.import_campaign(file)
 
 
-def _taken_in(data: Path, file: Path) -> TakenInView:
+def _taken_in(data: Path, file: Path) -> ImportView:
     make_folder(data)
     try:
         with FolderLock(data), Store(data) as store:
-            return TakenInView(**take_in_file(store, file)._asdict())
+            return ImportView(**import_file(store, file)._asdict())
     except LockError as error:
         raise PortableError(f"{error}, or have that coordinator take it in with --url") from None

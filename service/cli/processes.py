@@ -15,7 +15,7 @@ from service.cli import terminal
 from service.cli.options import DATA, DEFAULT_PORT, WORKERS, Data, Json, Url, show, token_of
 from service.doctor import check_all
 from workers.dispatch import EXECUTOR_LOST, RUNNER, DispatchOrder, ExecutorKind, dispatch, stop_on_signals
-from workers.executor import ExecutorError, ExecutorLost
+from workers.executor import ExecutorError, ExecutorLostError
 
 #: Of what is worked on elsewhere, a dispatcher needs neither archive nor page.
 Address = Annotated[str, typer.Option(help="Ray cluster to join, as host:port; local starts one.")]
@@ -60,7 +60,7 @@ def dispatch_command(
     typer.echo(f"Working for {url} by executor {executor.value}; Ctrl-C hands in what there is.", err=True)
     try:
         dispatch(order, stop)
-    except ExecutorLost as error:
+    except ExecutorLostError as error:
         typer.echo(f"error: {error}", err=True)
         raise typer.Exit(EXECUTOR_LOST) from None
 

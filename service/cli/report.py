@@ -93,13 +93,13 @@ def motivating_command(out: FigureFolder = Path("motivating"), as_json: Json = F
     numbers and draws nothing.
     """
     # Its imports take seconds, which the other commands need not wait for.
-    from service.report.paper.motivating import NoExample, motivating
+    from service.report.paper.motivating import ExampleFailedError, motivating
 
     if not as_json:
         require_folder(out)
     try:
         found = motivating()
-    except NoExample as error:
+    except ExampleFailedError as error:
         raise ExampleError(str(error)) from error
     if as_json:
         print_json(found.view)

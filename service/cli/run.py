@@ -30,8 +30,8 @@ from service.cli.options import (
     console,
     print_json,
 )
-from service.coordinator import Coordinator, Crew
-from service.db.errors import Unavailable
+from service.coordinator import Coordinator, WorkerSetup
+from service.db.errors import UnavailableError
 from service.db.transitions import ENDED
 from service.schemas.campaign import CampaignView
 from service.schemas.job import JobView
@@ -73,7 +73,7 @@ def run(
     _conclude(view, dead, is_finished, data)
 
 
-def _go_on(coordinator: Coordinator, campaign_id: int, is_new: bool, crew: Crew) -> bool:
+def _go_on(coordinator: Coordinator, campaign_id: int, is_new: bool, crew: WorkerSetup) -> bool:
     """Run what is left of a campaign; return whether it is at its end."""
     state = coordinator.store.campaign(campaign_id).state
     if state in ENDED:
@@ -127,9 +127,9 @@ def serve(
         serve_until_interrupted(coordinator, crew_of(executor, workers))
 
 
-def crew_of(executor: ExecutorKind, n_workers: int) -> Crew:
+def crew_of(executor: ExecutorKind, n_workers: int) -> WorkerSetup:
     """Return what a dispatcher of this machine works with."""
-    return Crew(n_workers, executor, RUNNER)
+    return WorkerSetup(n_workers, executor, RUNNER)
 
 
 def announce(console: Console, coordinator: Coordinator, page: str = "") -> None:
@@ -138,7 +138,7 @@ def announce(console: Console, coordinator: Coordinator, page: str = "") -> None
     console.print(f"Archive:   {coordinator.store.folder}", highlight=False, soft_wrap=True, markup=False)
 
 
-def run_to_end(console: Console, coordinator: Coordinator, campaign_id: int, crew: Crew) -> bool:
+def run_to_end(console: Console, coordinator: Coordinator, campaign_id: int, crew: WorkerSetup) -> bool:
     """Work on a campaign and show how far it is; return whether it finished, and was not interrupted."""
     try:
         coordinator.work(crew, campaign_id)
@@ -164,7 +164,7 @@ def _follow(console: Console, coordinator: Coordinator, campaign_id: int) -> Non
             next_look = time.monotonic() + period
             try:
                 _show(console, live, store.campaign(campaign_id))
-            except Unavailable as error:
+            except UnavailableError as error:
                 store.outage.tell(error)
 
 
@@ -183,13 +183,13 @@ def _show(console: Console, live: Live, view: CampaignView) -> None:
 def _has_ended(store: Store, campaign_id: int) -> bool:
     try:
         return store.campaign_state(campaign_id) in ENDED
-    except Unavailable as error:
+    except UnavailableError as error:
         # The database may come back; what workers have done meanwhile, they keep.
         store.outage.tell(error)
         return False
 
 
-def serve_until_interrupted(coordinator: Coordinator, crew: Crew) -> None:
+def serve_until_interrupted(coordinator: Coordinator, crew: WorkerSetup) -> None:
     """Work on all campaigns until Ctrl-C; without workers of its own, leave that to dispatchers elsewhere."""
     try:
         if crew.n_workers != 0:

@@ -43,8 +43,8 @@ from service.solutions.export import ALL, ExportFormat, Wanted, export_solution
 from service.solutions.refine import Step, best_of, check_segments, first_step, next_step, refinement_spec
 from service.solutions.reproduce import Comparison, reproduce, verdict
 from service.solutions.verification import (
-    Asked,
     Summary,
+    VerificationRequest,
     Verified,
     fresh_ids,
     require_heyoka,
@@ -280,7 +280,7 @@ def verify_command(
     """
     if with_heyoka:
         require_heyoka()
-    asked = Asked(min_altitude_km, with_heyoka)
+    asked = VerificationRequest(min_altitude_km, with_heyoka)
     with Store(data) as store:
         ids = wanted_ids(store, solution or [], campaign, is_all)
         left = fresh_ids(store, ids, asked) if is_stale else ids

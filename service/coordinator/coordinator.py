@@ -29,7 +29,7 @@ from service.coordinator.connections import PatientProtocol, most_connections
 from service.coordinator.lock import FolderLock, openness
 from service.coordinator.reaper import Reaper
 from service.coordinator.supervisor import LEAVE_S, Supervisor
-from service.db.errors import Unavailable, WriteFault, unusable
+from service.db.errors import UnavailableError, WriteError, unusable
 from service.scheduler import LeaseSettings
 from service.schemas.identity import Role
 from service.settings import Settings
@@ -51,7 +51,7 @@ def finish_planning(store: Store, stop: threading.Event) -> None:
                 log.warning("campaign %d: planning goes on that an end of the process cut off", campaign_id)
                 store.plan_rest(campaign_id, stop.is_set)
             return
-        except Unavailable as error:
+        except UnavailableError as error:
             store.outage.tell(error)
             stop.wait(OUTAGE_PAUSE_S)
         except Exception:
@@ -78,7 +78,7 @@ def _read(store: Store, stop: threading.Event) -> bool:
     """Read a piece and wait; return whether there may be more to read."""
     try:
         return store.read_history() and not stop.wait(PAUSE_S)
-    except Unavailable as error:
+    except UnavailableError as error:
         store.outage.tell(error)
         return not stop.wait(OUTAGE_PAUSE_S)
 
@@ -102,7 +102,7 @@ class CoordinatorError(UserError, RuntimeError):
 
 
 @dataclass(frozen=True, slots=True)
-class Crew:
+class WorkerSetup:
     """What the dispatcher of a coordinator works with."""
 
     n_workers: int | None = None
@@ -278,10 +278,10 @@ class Coordinator:
         while True:
             try:
                 return Store(self._folder, leases=self._leases)
-            except WriteFault:
+            except WriteError:
                 # Of a disk without room the user hears at once.
                 raise
-            except Unavailable as error:
+            except UnavailableError as error:
                 outage.tell(CoordinatorError(f"{error}; it is asked again every {DATABASE_PERIOD_S:g} s"))
                 time.sleep(DATABASE_PERIOD_S)
 
@@ -290,7 +290,7 @@ class Coordinator:
         """Where the page is."""
         return self._server.url
 
-    def work(self, crew: Crew, campaign_id: int | None = None) -> None:
+    def work(self, crew: WorkerSetup, campaign_id: int | None = None) -> None:
         """Begin to run jobs of one campaign, or of all, by a dispatcher that ends with the coordinator."""
 
         def order() -> DispatchOrder:

@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from service.db.errors import Unavailable
+from service.db.errors import UnavailableError
 from service.store import Store
 
 log = logging.getLogger(__name__)
@@ -46,7 +46,7 @@ class Reaper:
         try:
             n_lost = self._reap(woken, late_s)
             self._store.prune()
-        except Unavailable as error:
+        except UnavailableError as error:
             self._has_failed = True
             self._store.outage.tell(error)
             return 0

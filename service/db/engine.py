@@ -23,7 +23,7 @@ from service.db import postgres, sqlite
 from service.db.dialect import create_tables, is_empty, read_version
 from service.db.errors import (
     DatabaseError,
-    Unavailable,
+    UnavailableError,
     no_archive,
     no_room,
     read_fault,
@@ -205,7 +205,7 @@ class Database:
         if isinstance(self.place, Path):
             return no_room(self.place, error.orig) or unusable(self.place, error.orig)
         reason = str(error.orig).strip().splitlines()[-1]
-        kind = Unavailable if postgres.may_pass(reason) else DatabaseError
+        kind = UnavailableError if postgres.may_pass(reason) else DatabaseError
         return kind(
             f"archive {self.name}: expected a PostgreSQL database, got {reason}; "
             f"look at COASTARC_DATABASE_URL and at the server"

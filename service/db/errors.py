@@ -1,8 +1,8 @@
 """What is wrong with the place of an archive, or with reading and writing it.
 
 DatabaseError(RuntimeError)    no archive of this version, or none at all
-    Unavailable                a place that cannot be used now, and perhaps can be later
-        WriteFault             a write that the place did not take; what was stored before is kept
+    UnavailableError           a place that cannot be used now, and perhaps can be later
+        WriteError             a write that the place did not take; what was stored before is kept
 """
 
 import shutil
@@ -18,11 +18,11 @@ class DatabaseError(UserError, RuntimeError):
     """A place that holds no archive of this version, or none at all."""
 
 
-class Unavailable(DatabaseError):
+class UnavailableError(DatabaseError):
     """A place that cannot be used now, and perhaps can be later; what is stored is kept."""
 
 
-class WriteFault(Unavailable):
+class WriteError(UnavailableError):
     """A write that the place did not take; what was stored before is kept."""
 
 
@@ -33,12 +33,12 @@ def unusable(place: Path | str, reason: object) -> DatabaseError:
     )
 
 
-def no_room(place: Path, error: Any) -> WriteFault | None:
+def no_room(place: Path, error: Any) -> WriteError | None:
     """Return the error of a disk without room, if that is what kept SQLite from opening an archive."""
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF
     # What it cannot make beside the archive it calls a fault of the disk.
     if code == FULL or (code == IOERR and shutil.disk_usage(place.parent).free < LEAST_ROOM):
-        return WriteFault(
+        return WriteError(
             f"archive {place}: expected room to write, got {error}; free some space and start again"
         )
     return None
@@ -86,22 +86,22 @@ POSTGRES_FAULTS = {
 BUSY = ("a connection that is free", "ask less at a time")
 
 
-def write_fault(place: str, error: SQLAlchemyError) -> WriteFault | None:
+def write_fault(place: str, error: SQLAlchemyError) -> WriteError | None:
     """Return what a driver's error says of the place, or None where it is about what was written."""
     if found := _known(error):
         expected, reason, remedy = found
-        return WriteFault(
+        return WriteError(
             f"archive {place}: expected {expected}, got {reason}; {remedy} and start again: "
             f"what was stored before is kept"
         )
     return None
 
 
-def read_fault(place: str, error: SQLAlchemyError) -> Unavailable | None:
+def read_fault(place: str, error: SQLAlchemyError) -> UnavailableError | None:
     """Return what a driver's error says of the place, or None where it is about what was asked."""
     if found := _known(error):
         expected, reason, remedy = found
-        return Unavailable(f"archive {place}: expected {expected}, got {reason}; {remedy}")
+        return UnavailableError(f"archive {place}: expected {expected}, got {reason}; {remedy}")
     return None
 
 

@@ -153,7 +153,7 @@ class HistoryView(Answer):
     delta_v: list[BoxView]
 
 
-class TakenInView(Answer):
+class ImportView(Answer):
     """A campaign that came as a file; all zero, and no names, if everything was there already."""
 
     #: That of the campaign that the file is about, as it is called here.

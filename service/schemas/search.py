@@ -84,7 +84,7 @@ class MetricsView(Answer):
     paired_changes: list[MetricsRow]
 
 
-class PriorityWanted(BaseModel):
+class PriorityRequest(BaseModel):
     """Another priority; lower goes first."""
 
     model_config = ConfigDict(extra="forbid")
@@ -92,7 +92,7 @@ class PriorityWanted(BaseModel):
     priority: int = Field(ge=-1_000_000, le=1_000_000)
 
 
-class WeightWanted(BaseModel):
+class WeightRequest(BaseModel):
     """Another weight; a search of weight 2 gets twice the processor time of one of weight 1."""
 
     model_config = ConfigDict(extra="forbid")

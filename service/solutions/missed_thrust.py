@@ -18,7 +18,7 @@ from core.transcription import layout_of
 from service.schemas.campaign import CampaignView
 from service.schemas.solution import Map, MissedThrustView, SegmentRisk, SurvivabilityView
 from service.store import Store
-from service.store.solutions import Analysed
+from service.store.solutions import MissedThrustAnalysis
 
 
 def views_of(
@@ -29,7 +29,7 @@ def views_of(
     return [_view(analysed, store.campaign(analysed.facts.id)) for analysed in found]
 
 
-def _view(analysed: Analysed, campaign: CampaignView) -> MissedThrustView:
+def _view(analysed: MissedThrustAnalysis, campaign: CampaignView) -> MissedThrustView:
     attempts = list(_attempts(analysed))
     problem, x = analysed.problem, analysed.x
     found = missed_thrust(problem, x, [*attempts, *_own(analysed, attempts)])
@@ -56,14 +56,14 @@ def _view(analysed: Analysed, campaign: CampaignView) -> MissedThrustView:
     )
 
 
-def _attempts(analysed: Analysed) -> Iterator[Attempt]:
+def _attempts(analysed: MissedThrustAnalysis) -> Iterator[Attempt]:
     facts = analysed.facts
     for solve in facts.solves:
         x = facts.vectors[solve.solution_id] if solve.solution_id is not None else None
         yield attempt(facts.problem.with_outages(solve.outages), x)
 
 
-def _own(analysed: Analysed, attempts: list[Attempt]) -> Iterator[Attempt]:
+def _own(analysed: MissedThrustAnalysis, attempts: list[Attempt]) -> Iterator[Attempt]:
     """Yield the realizations that a robust solution brings along, each at the durations that it covers."""
     problem, layout = analysed.problem, layout_of(analysed.problem)
     tried = {one.outage for one in attempts}

@@ -34,7 +34,7 @@ class VerificationError(UserError, ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class VerificationRequest:
     """What is asked of every certificate."""
 
     #: Lowest passage of the Earth or the Moon that is not marked [km]; None for the defaults of each.
@@ -111,7 +111,7 @@ def require_heyoka() -> None:
         )
 
 
-def fresh_ids(store: Store, ids: Sequence[str], asked: Asked) -> list[str]:
+def fresh_ids(store: Store, ids: Sequence[str], asked: VerificationRequest) -> list[str]:
     """Return those that were not found sound with this code, these packages, and as asked."""
     from workers.certify import basis
 
@@ -120,7 +120,7 @@ def fresh_ids(store: Store, ids: Sequence[str], asked: Asked) -> list[str]:
 
 
 def verify_solutions(
-    store: Store, ids: Sequence[str], asked: Asked, n_processes: int = 1
+    store: Store, ids: Sequence[str], asked: VerificationRequest, n_processes: int = 1
 ) -> Iterator[Verified]:
     """Certify solutions, store each certificate, and yield how each one went as it is done."""
     from workers.certify import basis
@@ -178,7 +178,7 @@ def _judged(subject: Subject, found: CertificateDocument, is_new: bool) -> Verif
 
 
 def _certified(
-    subjects: Iterable[Subject], asked: Asked, n_processes: int
+    subjects: Iterable[Subject], asked: VerificationRequest, n_processes: int
 ) -> Iterator[tuple[Subject, CertificateDocument | str]]:
     if n_processes == 1:
         for subject in subjects:
@@ -214,7 +214,7 @@ def _leave_signals_to_parent() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _certify(subject: Subject, asked: Asked) -> CertificateDocument | str:
+def _certify(subject: Subject, asked: VerificationRequest) -> CertificateDocument | str:
     """Return the certificate of a solution, or why its problem cannot be flown on this machine."""
     from core.problem import ProblemError, problem_from
     from workers.certify import certificate_of

@@ -1,5 +1,6 @@
 """Every query: what may be asked of the archive, and what may be done to it."""
 
-from service.store.store import Store, StoreError, UnknownRow
+from service.store.errors import StoreError, UnknownRowError
+from service.store.store import Store
 
-__all__ = ["Store", "StoreError", "UnknownRow"]
+__all__ = ["Store", "StoreError", "UnknownRowError"]

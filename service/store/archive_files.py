@@ -11,7 +11,7 @@ from typing import BinaryIO
 from service.archive_format.container import Unpacked, pack
 from service.archive_format.reading import read_all, unpack_targets
 from service.store import Store
-from service.store.archive_io import TakenIn
+from service.store.archive_io import ImportResult
 
 _PIECE = 2**20
 #: A file that is refused takes the kernels it brought away again: no other may have begun to use them.
@@ -46,13 +46,13 @@ def file_name(name: str) -> str:
     return f"campaign-{re.sub('[^A-Za-z0-9._-]+', '-', name).strip('-.') or 'file'}.zip"
 
 
-def take_in_file(store: Store, file: Path | BinaryIO, name: str | None = None) -> TakenIn:
+def import_file(store: Store, file: Path | BinaryIO, name: str | None = None) -> ImportResult:
     """Take in a portable file whole, or change nothing; `name` is what errors call it."""
     with _one_at_a_time, Unpacked(file, name) as unpacked:
         new: list[Path] = []
         try:
             new.extend(unpack_targets(unpacked, store.folder))
-            return store.take_in(read_all(unpacked, store.folder))
+            return store.import_campaigns(read_all(unpacked, store.folder))
         except BaseException:
             for path in new:
                 path.unlink(missing_ok=True)

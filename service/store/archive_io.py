@@ -12,7 +12,7 @@ import numpy as np
 from sqlalchemy import Row, Select, func, insert, select, text
 from sqlalchemy.orm import Session
 
-from service.archive_format.container import CERTIFICATES, Entry, PortableConflict, digest_of
+from service.archive_format.container import CERTIFICATES, Entry, PortableConflictError, digest_of
 from service.archive_format.lines import (
     RESTING,
     AttemptLine,
@@ -41,7 +41,7 @@ from service.db.tables import (
     SolveRow,
 )
 from service.store.cache import spec_of
-from service.store.errors import UnknownRow
+from service.store.errors import UnknownRowError
 from service.store.events import note
 from service.store.planning import add_cases
 from service.store.solutions import ELSEWHERE
@@ -74,7 +74,7 @@ CERTIFICATE_COLUMNS = ("hash", "made_on", "made_at", "cpu_seconds", "checked_at"
 def chain_of_campaigns(session: Session, campaign_id: int) -> list[CampaignRow]:
     """Return a campaign after those that it takes seeds from, and refuse one that is at work."""
     if session.get(CampaignRow, campaign_id) is None:
-        raise UnknownRow("campaign", campaign_id)
+        raise UnknownRowError("campaign", campaign_id)
     ordered: dict[int, CampaignRow] = {}
 
     def add(one: int) -> None:
@@ -95,7 +95,7 @@ def chain_of_campaigns(session: Session, campaign_id: int) -> list[CampaignRow]:
 def _require_at_rest(session: Session, campaign: CampaignRow) -> None:
     thing = f"campaign {campaign.id} ({campaign.name})"
     if campaign.state not in RESTING:
-        raise PortableConflict(
+        raise PortableConflictError(
             f"{thing}: expected state {', '.join(RESTING[:-1])} or {RESTING[-1]}, got {campaign.state}; "
             f"wait for its end, or pause it with `coastarc pause {campaign.id}`"
         )
@@ -106,7 +106,7 @@ def _require_at_rest(session: Session, campaign: CampaignRow) -> None:
         .where(SearchRow.campaign_id == campaign.id, JobRow.state == "running")
     )
     if n_running := session.scalar(running):
-        raise PortableConflict(
+        raise PortableConflictError(
             f"{thing}: expected no running jobs, got {n_running}; wait until they have ended"
         )
 
@@ -276,7 +276,7 @@ Rows = list[dict[str, Any]]
 Searches = dict[str, int]
 
 
-class TakenIn(NamedTuple):
+class ImportResult(NamedTuple):
     """What became of a portable file."""
 
     #: The campaign that was asked for, as it is called here.
@@ -288,7 +288,7 @@ class TakenIn(NamedTuple):
     n_certificates: int
 
 
-def take_in(session: Session, read: ReadFile, now: float) -> TakenIn:
+def import_campaigns(session: Session, read: ReadFile, now: float) -> ImportResult:
     """Store what of a file is not there yet; a campaign that is there already must be the same."""
     known: dict[str, Searches] = {}
     new: list[tuple[CampaignRow, ReadCampaign]] = []
@@ -311,13 +311,13 @@ def take_in(session: Session, read: ReadFile, now: float) -> TakenIn:
         note(session, row.id, "campaign", now, state=row.state)
     # They may have been made since a campaign that is there already came here.
     n_certificates = _add_new(session, CertificateRow, _certificates(read))
-    return TakenIn(campaign_id, [row.name for row, _ in new], n_solves, n_solutions, n_certificates)
+    return ImportResult(campaign_id, [row.name for row, _ in new], n_solves, n_solutions, n_certificates)
 
 
 def _require_same(session: Session, row: CampaignRow, campaign: ReadCampaign, read: ReadFile) -> None:
     for name, content in campaign_entries(session, row, campaign.folder):
         if digest_of(content) != read.unpacked.manifest.members[name]:
-            raise PortableConflict(
+            raise PortableConflictError(
                 f"campaign {row.name}: expected none here, or the same as in the file, got campaign {row.id} "
                 f"with other work; take the file in elsewhere with --data"
             )

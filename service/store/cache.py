@@ -15,13 +15,13 @@ from core.transcription import Layout
 from service.db.tables import CampaignRow, ProblemRow, SearchRow
 from service.spec import Spec, spec_from
 from service.spec.search_spec import SearchSpec
-from service.store.errors import UnknownRow
+from service.store.errors import UnknownRowError
 from service.validation import ProblemFacts, facts_of
 
 T = TypeVar("T")
 
 
-class Kept(Generic[T]):
+class Cache(Generic[T]):
     """At most `most` things; the one asked for longest ago is forgotten first."""
 
     def __init__(self, most: int) -> None:
@@ -44,9 +44,9 @@ class Kept(Generic[T]):
         return thing
 
 
-_specs: Kept[Spec] = Kept(64)
-_definitions: Kept[dict[str, Any]] = Kept(512)
-_facts: Kept[ProblemFacts] = Kept(512)
+_specs: Cache[Spec] = Cache(64)
+_definitions: Cache[dict[str, Any]] = Cache(512)
+_facts: Cache[ProblemFacts] = Cache(512)
 
 
 def spec_of(campaign: CampaignRow) -> Spec:
@@ -59,7 +59,7 @@ def spec_fields(session: Session, campaign_id: int) -> dict[str, Any]:
     """Return the specification of a campaign as plain data."""
     campaign = session.get(CampaignRow, campaign_id)
     if campaign is None:
-        raise UnknownRow("campaign", campaign_id)
+        raise UnknownRowError("campaign", campaign_id)
     return spec_of(campaign).as_fields()
 
 

@@ -34,7 +34,7 @@ from service.schemas.campaign import (
 )
 from service.schemas.search import RatioView
 from service.store.cache import search_spec
-from service.store.errors import UnknownRow
+from service.store.errors import UnknownRowError
 
 #: Feasible at the strict tolerance, at the paper's alone, or not, and then why not.
 OUTCOMES = ("strict", "paper", "infeasible", "timeout", "numerical")
@@ -140,7 +140,7 @@ class Step(NamedTuple):
 
 
 @dataclass(slots=True)
-class StrategyChronicle:
+class StrategyHistory:
     """The solves of one strategy, and when its best improved."""
 
     k: int
@@ -150,12 +150,12 @@ class StrategyChronicle:
     steps: list[Step] = field(default_factory=list)
 
 
-class Chronicle:
+class History:
     """The solves of one campaign."""
 
     def __init__(self, created_at: float) -> None:
         self.bins = OutcomeBins(created_at)
-        self.strategies: dict[str, StrategyChronicle] = {}
+        self.strategies: dict[str, StrategyHistory] = {}
         #: Improvements over all strategies, against time.
         self.steps: list[Step] = []
         #: Of different strict solutions, by strategy and duration of the outages.
@@ -172,7 +172,7 @@ class Chronicle:
 
     def add_solves(self, search: SearchFacts, solves: Solves) -> NDArray[np.float64]:
         """Count solves of a search; return what its strategy had spent after each of them [s]."""
-        strategy = self.strategies.setdefault(search.strategy, StrategyChronicle(search.k, search.seed_k))
+        strategy = self.strategies.setdefault(search.strategy, StrategyHistory(search.k, search.seed_k))
         strategy.outcomes += np.bincount(solves.outcome, minlength=len(OUTCOMES))
         spent = strategy.cpu_seconds + np.cumsum(solves.cpu_seconds)
         strategy.cpu_seconds = float(spent[-1])
@@ -243,18 +243,18 @@ _SEEDS = (
 )
 
 
-class Chronicles:
-    """The chronicles of one archive."""
+class HistoryCache:
+    """The histories of one archive."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
         self._lock = threading.Lock()
         self._last_solve = 0
         self._searches: dict[int, SearchFacts] = {}
-        self._chronicles: dict[int, Chronicle] = {}
+        self._histories: dict[int, History] = {}
 
-    def ask(self, question: Callable[[Session, "Chronicles"], T]) -> T:
-        """Bring the chronicles up to date, as far as there is time, and ask something about them."""
+    def ask(self, question: Callable[[Session, "HistoryCache"], T]) -> T:
+        """Bring the histories up to date, as far as there is time, and ask something about them."""
         with self._lock, self._database.read() as session:
             self._read_on(session)
             return question(session, self)
@@ -264,9 +264,9 @@ class Chronicles:
         with self._lock, self._database.read() as session:
             return self._read_chunk(session) == CHUNK
 
-    def chronicle(self, campaign: CampaignRow) -> Chronicle:
-        """Return the chronicle of a campaign."""
-        return self._chronicles.setdefault(campaign.id, Chronicle(campaign.created_at))
+    def history(self, campaign: CampaignRow) -> History:
+        """Return the history of a campaign."""
+        return self._histories.setdefault(campaign.id, History(campaign.created_at))
 
     def _read_on(self, session: Session) -> None:
         end = time.monotonic() + PATIENCE_S
@@ -291,10 +291,10 @@ class Chronicles:
         for solve_id, search_id, delta_v, solution_id, strict, at in solutions:
             search = self._searches[search_id]
             found = Found(solution_id, strict, delta_v, at, spent[solve_id])
-            self._chronicles[search.campaign_id].add_solution(search, found)
+            self._histories[search.campaign_id].add_solution(search, found)
         for search_id, seed_id in seeds:
             search = self._searches[search_id]
-            self._chronicles[search.campaign_id].add_seed(search, seed_id or "")
+            self._histories[search.campaign_id].add_seed(search, seed_id or "")
         return len(rows)
 
     def _add_solves(self, columns: Any) -> dict[int, float]:
@@ -304,7 +304,7 @@ class Chronicles:
             ids = [one.id for one in self._searches.values() if (one.campaign_id, one.strategy) == strategy]
             own = columns[np.isin(columns[:, 1], ids)]
             solves = Solves(own[:, 0].astype(np.int64), own[:, 2].astype(np.int64), own[:, 3], own[:, 4])
-            after = self._chronicles[strategy[0]].add_solves(self._searches[ids[0]], solves)
+            after = self._histories[strategy[0]].add_solves(self._searches[ids[0]], solves)
             spent.update(zip(solves.id.tolist(), after.tolist(), strict=True))
         return spent
 
@@ -323,7 +323,7 @@ class Chronicles:
         )
         for row, campaign in session.execute(query):
             self._searches[row.id] = _facts(row, campaign)
-            self.chronicle(campaign)
+            self.history(campaign)
 
 
 def _facts(row: SearchRow, campaign: CampaignRow) -> SearchFacts:
@@ -338,26 +338,26 @@ MOST_STEPS, MOST_OF_BOX, MOST_OF_BOXES = 200, 120, 3000
 SECONDS_PER_HOUR = 3600.0
 
 
-def campaign_history(session: Session, chronicles: Chronicles, campaign_id: int) -> HistoryView:
+def campaign_history(session: Session, histories: HistoryCache, campaign_id: int) -> HistoryView:
     """Return the history of a campaign."""
     campaign = session.get(CampaignRow, campaign_id)
     if campaign is None:
-        raise UnknownRow("campaign", campaign_id)
-    chronicle = chronicles.chronicle(campaign)
+        raise UnknownRowError("campaign", campaign_id)
+    history = histories.history(campaign)
     n_solves = select(func.sum(SearchRow.n_solves)).where(SearchRow.campaign_id == campaign_id)
-    strategies = sorted(chronicle.strategies.items(), key=lambda item: _place(item[1]))
+    strategies = sorted(history.strategies.items(), key=lambda item: _place(item[1]))
     return HistoryView(
         campaign_id=campaign_id,
         n_solves=session.scalar(n_solves) or 0,
-        n_read=chronicle.n_solves,
-        outcomes=OutcomeBinsView(width_seconds=chronicle.bins.width_s, **chronicle.bins.lists()),
+        n_read=history.n_solves,
+        outcomes=OutcomeBinsView(width_seconds=history.bins.width_s, **history.bins.lists()),
         strategies=[_strategy(name, one) for name, one in strategies],
-        chains=_chains(chronicle),
-        delta_v=_boxes(chronicle),
+        chains=_chains(history),
+        delta_v=_boxes(history),
     )
 
 
-def _place(one: StrategyChronicle) -> tuple[int, int]:
+def _place(one: StrategyHistory) -> tuple[int, int]:
     return one.k, -1 if one.seed_k is None else one.seed_k
 
 
@@ -367,7 +367,7 @@ def ratio_view(n: int, n_solves: int) -> RatioView:
     return RatioView(value=ratio.value if n_solves else None, low=ratio.low, high=ratio.high)
 
 
-def _strategy(name: str, one: StrategyChronicle) -> StrategyView:
+def _strategy(name: str, one: StrategyHistory) -> StrategyView:
     n_solves, n_strict = int(one.outcomes.sum()), int(one.outcomes[0])
     n_paper = n_strict + int(one.outcomes[1])
     return StrategyView(
@@ -399,22 +399,22 @@ def _places(n: int, most: int) -> list[int]:
     return places
 
 
-def _chains(chronicle: Chronicle) -> list[ChainView]:
-    groups: defaultdict[tuple[int | None, int], list[StrategyChronicle]] = defaultdict(list)
-    for one in chronicle.strategies.values():
+def _chains(history: History) -> list[ChainView]:
+    groups: defaultdict[tuple[int | None, int], list[StrategyHistory]] = defaultdict(list)
+    for one in history.strategies.values():
         groups[one.seed_k, one.k].append(one)
     order = sorted(groups, key=lambda pair: (-1 if pair[0] is None else pair[0], pair[1]))
-    return [_chain(chronicle, seed_k, k, groups[seed_k, k]) for seed_k, k in order]
+    return [_chain(history, seed_k, k, groups[seed_k, k]) for seed_k, k in order]
 
 
-def _chain(chronicle: Chronicle, seed_k: int | None, k: int, group: Sequence[StrategyChronicle]) -> ChainView:
+def _chain(history: History, seed_k: int | None, k: int, group: Sequence[StrategyHistory]) -> ChainView:
     n_solves = sum(int(one.outcomes.sum()) for one in group)
     n_strict = sum(int(one.outcomes[0]) for one in group)
     seconds = sum(one.cpu_seconds for one in group)
     return ChainView(
         seed_k=seed_k,
         k=k,
-        n_seeds=0 if seed_k is None else len(chronicle.seeds[seed_k, k]),
+        n_seeds=0 if seed_k is None else len(history.seeds[seed_k, k]),
         n_solves=n_solves,
         n_strict=n_strict,
         strict_ratio=ratio_view(n_strict, n_solves),
@@ -422,10 +422,10 @@ def _chain(chronicle: Chronicle, seed_k: int | None, k: int, group: Sequence[Str
     )
 
 
-def _boxes(chronicle: Chronicle) -> list[BoxView]:
-    most = min(MOST_OF_BOX, MOST_OF_BOXES // max(1, len(chronicle.delta_v)))
+def _boxes(history: History) -> list[BoxView]:
+    most = min(MOST_OF_BOX, MOST_OF_BOXES // max(1, len(history.delta_v)))
     groups = [
-        (chronicle.strategies[name], name, days, values) for (name, days), values in chronicle.delta_v.items()
+        (history.strategies[name], name, days, values) for (name, days), values in history.delta_v.items()
     ]
     groups.sort(key=lambda group: (_place(group[0]), group[2] is None, group[2] or 0.0))
     return [_box(one.k, name, days, np.sort(values), most) for one, name, days, values in groups]

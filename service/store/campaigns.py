@@ -18,8 +18,8 @@ from service.schemas.problem import CaseView, OutageView
 from service.schemas.search import JobCounts, SearchState, SearchView
 from service.spec.search_spec import SearchSpec
 from service.store.cache import search_spec, spec_of
-from service.store.campaign_history import Chronicle, Chronicles, Step, ratio_view
-from service.store.errors import UnknownRow, WrongState
+from service.store.campaign_history import History, HistoryCache, Step, ratio_view
+from service.store.errors import UnknownRowError, WrongStateError
 from service.store.events import note, note_job, note_search
 from service.store.planning import advance, enter
 from service.store.statistics import job_states, n_solutions, summed, tallies
@@ -48,7 +48,7 @@ def get_campaign(session: Session, campaign_id: int, now: float) -> CampaignView
     """Return a campaign with its searches."""
     campaign = session.get(CampaignRow, campaign_id)
     if campaign is None:
-        raise UnknownRow("campaign", campaign_id)
+        raise UnknownRowError("campaign", campaign_id)
     numbers = numbers_of(session, SearchRow.campaign_id == campaign_id)
     searches = [_search(session, campaign, one) for one in numbers]
     rate = _rate_per_min(session, campaign, now)
@@ -193,20 +193,18 @@ def eta_seconds(
 N_MOMENTS = 60
 
 
-def campaign_cards(session: Session, known: Chronicles, now: float, limit: int = 200) -> list[CampaignCard]:
+def campaign_cards(session: Session, known: HistoryCache, now: float, limit: int = 200) -> list[CampaignCard]:
     """Return the campaigns, the newest first."""
     return [
-        _card(campaign, numbers, known.chronicle(campaign), now)
+        _card(campaign, numbers, known.history(campaign), now)
         for campaign, numbers in campaigns_in_numbers(session, limit)
     ]
 
 
-def _card(
-    campaign: CampaignRow, numbers: Sequence[Numbers], chronicle: Chronicle, now: float
-) -> CampaignCard:
+def _card(campaign: CampaignRow, numbers: Sequence[Numbers], history: History, now: float) -> CampaignCard:
     end = campaign.finished_at or now
     planned = [scheduler.n_planned(search_spec(campaign, one.row), one.row.n_planned) for one in numbers]
-    rate = chronicle.rate_per_min(end)
+    rate = history.rate_per_min(end)
     return CampaignCard(
         **item_fields(campaign, numbers),
         outcomes=_outcomes(numbers),
@@ -217,8 +215,8 @@ def _card(
         eta_seconds=eta_seconds(campaign, numbers, planned, rate),
         elapsed_seconds=end - campaign.created_at,
         cpu_seconds=sum(one.row.cpu_seconds for one in numbers),
-        sparkline_km_s=sparkline(chronicle.steps, campaign.created_at, end),
-        n_read=chronicle.n_solves,
+        sparkline_km_s=sparkline(history.steps, campaign.created_at, end),
+        n_read=history.n_solves,
     )
 
 
@@ -332,12 +330,14 @@ def requeue_job(session: Session, job_id: int, now: float) -> None:
     _require("job", job_id, job.state, "requeue")
     # A cancelled campaign has cancelled searches alone.
     if search.state == "cancelled":
-        raise WrongState(f"search {search.name}: expected a search that goes on, got one that is cancelled")
+        raise WrongStateError(
+            f"search {search.name}: expected a search that goes on, got one that is cancelled"
+        )
     _requeue(session, [job], now)
     _open_again(session, campaign, {search.id}, now)
     session.flush()
     if job.state != "queued":
-        raise WrongState(f"search {search.name}: expected a budget that is not used up, got one that is")
+        raise WrongStateError(f"search {search.name}: expected a budget that is not used up, got one that is")
     note_job(session, search, job, now)
 
 
@@ -384,7 +384,7 @@ def get_campaign_row(session: Session, campaign_id: int) -> CampaignRow:
     """Return the row of a campaign."""
     campaign = session.get(CampaignRow, campaign_id)
     if campaign is None:
-        raise UnknownRow("campaign", campaign_id)
+        raise UnknownRowError("campaign", campaign_id)
     return campaign
 
 
@@ -394,14 +394,14 @@ def get_search_row(session: Session, campaign_id: int, name: str) -> tuple[Campa
     own = (SearchRow.campaign_id == campaign_id) & (SearchRow.name == name)
     row = session.scalar(select(SearchRow).where(own))
     if row is None:
-        raise UnknownRow("search", f"{name} of campaign {campaign_id}", "none of this name")
+        raise UnknownRowError("search", f"{name} of campaign {campaign_id}", "none of this name")
     return campaign, row
 
 
 def _job(session: Session, job_id: int) -> tuple[JobRow, SearchRow, CampaignRow]:
     job = session.get(JobRow, job_id)
     if job is None:
-        raise UnknownRow("job", job_id)
+        raise UnknownRowError("job", job_id)
     search = session.get_one(SearchRow, job.search_id)
     return job, search, session.get_one(CampaignRow, search.campaign_id)
 
@@ -413,4 +413,4 @@ def _require(noun: str, name: object, state: str, verb: str) -> None:
     else:
         wanted = sources(noun, STATE_AFTER[verb])
     if state not in wanted:
-        raise WrongState(f"{noun} {name}: expected state {' or '.join(wanted)} to {verb}, got {state}")
+        raise WrongStateError(f"{noun} {name}: expected state {' or '.join(wanted)} to {verb}, got {state}")

@@ -14,7 +14,7 @@ from service.db.dialect import plain
 from service.db.tables import AttemptRow, CampaignRow, CaseRow, JobRow, SearchRow, SolutionRow, SolveRow
 from service.scheduler import LONGEST_BACKOFF_S, Share, in_turn, mean_cost_s
 from service.store.cache import definition_of, layout_of_problem, search_spec
-from service.store.errors import OtherClaimant
+from service.store.errors import OtherClaimantError
 from workers.executor import Ticket
 from workers.messages import Address, ChainPlace, Claim, HopJob, MapJob
 
@@ -165,7 +165,7 @@ def message_of(session: Session, turn: Turn, seeds: dict[str, Any]) -> HopJob | 
 
 
 @dataclass(slots=True)
-class Held:
+class LockedAttempt:
     """A running job and what it belongs to."""
 
     job: JobRow
@@ -208,9 +208,9 @@ _HELD = (
 )
 
 
-def find_held(
+def lock_attempt(
     session: Session, tickets: Sequence[Ticket], by: str | None = None, state: str = "running"
-) -> dict[Ticket, Held]:
+) -> dict[Ticket, LockedAttempt]:
     """Return what attempts hold; those that no longer hold their jobs are not among them.
 
     One that another token claimed than the one named, if any is, is refused.  With the state `queued`, those
@@ -221,7 +221,7 @@ def find_held(
         "job_ids": [ticket.job_id for ticket in tickets],
         "tickets": [tuple(ticket) for ticket in tickets],
     }
-    found = [Held(*row) for row in session.execute(_HELD, wanted)]
+    found = [LockedAttempt(*row) for row in session.execute(_HELD, wanted)]
     for held in found:
         require_claimant(held.attempt, by)
     return {Ticket(held.job.id, held.job.attempt): held for held in found}
@@ -230,7 +230,7 @@ def find_held(
 def require_claimant(attempt: AttemptRow, by: str | None) -> None:
     """Refuse a token that did not claim an attempt."""
     if by is not None and attempt.claimed_by not in (None, by):
-        raise OtherClaimant(
+        raise OtherClaimantError(
             f"job {attempt.job_id}: expected the token that claimed attempt {attempt.attempt}, got {by}; "
             f"report with the token that claimed, or with one of the same name"
         )

@@ -30,13 +30,20 @@ from service.db.transitions import ENDED
 from service.logs import say
 from service.scheduler import backoff_s
 from service.store.cache import facts_of_problem, search_spec, spec_of
-from service.store.claims import Held, Turn, Worked, find_held, message_of, require_claimant, seeds_of
-from service.store.errors import StoreError, UnknownRow
+from service.store.claims import (
+    LockedAttempt,
+    Turn,
+    Worked,
+    lock_attempt,
+    message_of,
+    require_claimant,
+    seeds_of,
+)
+from service.store.errors import StoreError, UnknownRowError
 from service.store.events import noted, noted_job, store
 from service.store.planning import add_jobs, go_on_after, is_used_up
 from service.store.statistics import Counts, scope_of
 from service.validation import JobFacts, UnsoundError, require_outcome, require_records, solution_hash
-from workers.dispatcher import StaleAttempt
 from workers.executor import Ticket
 from workers.messages import (
     KIND_NUMBERS,
@@ -48,6 +55,7 @@ from workers.messages import (
     HandInAnswer,
     JobOutcome,
     SolveRecord,
+    StaleAttemptError,
     job_digest,
 )
 
@@ -75,7 +83,7 @@ COPIED = (
 
 
 def add_solve(
-    session: Session, held: Held, work: Worked, record: SolveRecord, counts: Counts, now: float
+    session: Session, held: LockedAttempt, work: Worked, record: SolveRecord, counts: Counts, now: float
 ) -> None:
     """Store a solve and what it found, unless an earlier attempt had handed in the same hop."""
     job = held.job
@@ -123,7 +131,7 @@ def _solve_values(job: JobRow, record: SolveRecord, solution_id: str | None, now
 
 
 def _add_solution(
-    session: Session, held: Held, record: SolveRecord, now: float
+    session: Session, held: LockedAttempt, record: SolveRecord, now: float
 ) -> tuple[str | None, str | None]:
     """Store what a solve found, if anything; return its id, and the scope in which it is new."""
     if record.x is None or record.trajectory is None or record.certificate is None:
@@ -156,7 +164,7 @@ def _flat(defects: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
     return np.array(defects, dtype=np.float64).ravel()
 
 
-def _announced(held: Held, record: SolveRecord, solution_id: str, now: float) -> dict[str, Any]:
+def _announced(held: LockedAttempt, record: SolveRecord, solution_id: str, now: float) -> dict[str, Any]:
     assert record.trajectory is not None and record.certificate is not None
     return noted(
         held.campaign.id,
@@ -172,7 +180,7 @@ def _announced(held: Held, record: SolveRecord, solution_id: str, now: float) ->
 
 
 def _plan_seeded(
-    session: Session, held: Held, work: Worked, record: SolveRecord, solution_id: str, now: float
+    session: Session, held: LockedAttempt, work: Worked, record: SolveRecord, solution_id: str, now: float
 ) -> None:
     """Plan the map jobs of every search that takes each seed at once."""
     assert record.trajectory is not None and record.certificate is not None
@@ -245,7 +253,7 @@ def complete(
     that reports, which has to be the one that claimed.
     """
     all_reports = [Report(*report) for report in reports]
-    held = find_held(session, [report.ticket for report in all_reports], by)
+    held = lock_attempt(session, [report.ticket for report in all_reports], by)
     worked: dict[int, Worked] = {}
     counts = Counts()
     answers: list[CompleteAnswer] = []
@@ -271,7 +279,7 @@ def hand_in(
 
     The next attempt begins after them.  What came before changes nothing.
     """
-    held = find_held(session, [ticket], by).get(ticket)
+    held = lock_attempt(session, [ticket], by).get(ticket)
     if held is None:
         raise _stale(ticket)
     try:
@@ -298,7 +306,12 @@ def _follow_up(session: Session, worked: Sequence[Worked], counts: Counts, now: 
 
 
 def _add_solves(
-    session: Session, held: Held, work: Worked, solves: Sequence[SolveRecord], counts: Counts, now: float
+    session: Session,
+    held: LockedAttempt,
+    work: Worked,
+    solves: Sequence[SolveRecord],
+    counts: Counts,
+    now: float,
 ) -> None:
     try:
         for record in solves:
@@ -307,7 +320,7 @@ def _add_solves(
         raise StoreError(f"job {held.job.id}: {error}") from error
 
 
-def _move(session: Session, held: Held, place: ChainPlace) -> None:
+def _move(session: Session, held: LockedAttempt, place: ChainPlace) -> None:
     """Let the next attempt at a chain begin where this one stands."""
     job, thing = held.job, f"job {held.job.id}: place"
     before = (SolveRow.job_id == job.id) & (SolveRow.hop < place.next_hop)
@@ -326,7 +339,7 @@ def _move(session: Session, held: Held, place: ChainPlace) -> None:
 
 
 def _take_back(
-    session: Session, held: Held, work: Worked, outcome: JobOutcome, counts: Counts, now: float
+    session: Session, held: LockedAttempt, work: Worked, outcome: JobOutcome, counts: Counts, now: float
 ) -> None:
     job = held.job
     require_sound(session, held, outcome)
@@ -344,14 +357,14 @@ def _take_back(
 
 def _taken_up(
     session: Session, ticket: Ticket, outcome: JobOutcome, counts: Counts, now: float, by: str | None
-) -> Held | None:
+) -> LockedAttempt | None:
     """Give an attempt its job back that went to the queue, if it brings a result and nobody has begun since.
 
     The attempt of the next claim is another one, so the fence is as tight as it was.
     """
     if outcome.ending not in RESULTS:
         return None
-    mine = find_held(session, [ticket], by, "queued").get(ticket)
+    mine = lock_attempt(session, [ticket], by, "queued").get(ticket)
     if mine is None or mine.attempt.ending not in UNHEARD:
         return None
     counts.add(mine.job.search_id, "attempt", mine.attempt.ending, number=-1)
@@ -361,7 +374,7 @@ def _taken_up(
     return mine
 
 
-def _require_same_job(session: Session, held: Held, digest: str) -> None:
+def _require_same_job(session: Session, held: LockedAttempt, digest: str) -> None:
     """Refuse the outcome of a job of another archive, which had the same number."""
     turn = Turn(held.job, held.problem_hash, held.search, held.campaign)
     if job_digest(message_of(session, turn, seeds_of(session, [turn]))) != digest:
@@ -370,7 +383,7 @@ def _require_same_job(session: Session, held: Held, digest: str) -> None:
         )
 
 
-def require_sound(session: Session, held: Held, outcome: JobOutcome) -> None:
+def require_sound(session: Session, held: LockedAttempt, outcome: JobOutcome) -> None:
     """Refuse an outcome that no run of its job can have had."""
     known = select(SolveRow.hop, SolveRow.ending).where(SolveRow.job_id == held.job.id)
     # Only what ran before can have left some, or the same attempt where it does not bring all.
@@ -383,7 +396,7 @@ def require_sound(session: Session, held: Held, outcome: JobOutcome) -> None:
         raise StoreError(f"job {held.job.id}: {error}") from error
 
 
-def job_facts(session: Session, held: Held) -> JobFacts:
+def job_facts(session: Session, held: LockedAttempt) -> JobFacts:
     """Return what the solves of a job have to agree with."""
     job, spec = held.job, search_spec(held.campaign, held.search)
     chain = int(job.chain, 16)
@@ -392,7 +405,7 @@ def job_facts(session: Session, held: Held) -> JobFacts:
     return JobFacts(about, held.campaign.rng_seed, address, job.n_hops, spec.settings)
 
 
-def _log(session: Session, held: Held, ending: Ending) -> None:
+def _log(session: Session, held: LockedAttempt, ending: Ending) -> None:
     job = held.job
     level = logging.DEBUG if ending in RESULTS else logging.WARNING
     message = f"attempt ended: {ending.value}, the job is {job.state}"
@@ -402,7 +415,7 @@ def _log(session: Session, held: Held, ending: Ending) -> None:
 
 def _stored_answer(session: Session, ticket: Ticket, by: str | None) -> CompleteAnswer:
     if session.get(JobRow, ticket.job_id) is None:
-        raise UnknownRow("job", ticket.job_id)
+        raise UnknownRowError("job", ticket.job_id)
     attempt = session.get(AttemptRow, tuple(ticket))
     if attempt is None or attempt.next_state is None:
         raise _stale(ticket)
@@ -410,8 +423,8 @@ def _stored_answer(session: Session, ticket: Ticket, by: str | None) -> Complete
     return _answer(ticket, attempt.next_state)
 
 
-def _stale(ticket: Ticket) -> StaleAttempt:
-    return StaleAttempt(
+def _stale(ticket: Ticket) -> StaleAttemptError:
+    return StaleAttemptError(
         f"job {ticket.job_id}: expected attempt {ticket.attempt} to hold it, got a stale report"
     )
 

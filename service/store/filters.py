@@ -15,7 +15,7 @@ from sqlalchemy.orm import Session, aliased
 from core.problem import validation_message
 from service.db.tables import CampaignRow, CaseRow, ProblemRow, SearchRow, SolutionRow, SolveRow
 from service.schemas.solution import CampaignChoice, ChoicesView
-from service.store.errors import StoreError, UnknownRow
+from service.store.errors import StoreError, UnknownRowError
 
 Tolerance = Literal["strict", "paper", "all"]
 _Id = Annotated[int, Field(ge=1, lt=2**63)]
@@ -192,7 +192,7 @@ def find_campaign(session: Session, name_or_id: str) -> int:
         # A campaign may be called "7".
         found = session.scalar(select(func.max(CampaignRow.id)).where(CampaignRow.name == name_or_id))
     if found is None:
-        raise UnknownRow("campaign", name_or_id, "none with this id or name; see `coastarc status`")
+        raise UnknownRowError("campaign", name_or_id, "none with this id or name; see `coastarc status`")
     return found
 
 
@@ -200,7 +200,7 @@ def campaign_state(session: Session, campaign_id: int) -> str:
     """Return the state of a campaign."""
     state = session.scalar(select(CampaignRow.state).where(CampaignRow.id == campaign_id))
     if state is None:
-        raise UnknownRow("campaign", campaign_id)
+        raise UnknownRowError("campaign", campaign_id)
     return state
 
 

@@ -3,8 +3,8 @@
 A token is `coastarc_<id>_<secret>`.  The id finds its row and may be shown; the secret is 32 random bytes,
 of which only a hash is ever stored: at 256 bits nobody guesses, so the hash need not be slow.
 
-RefusedToken(StoreError)   a token or session that is not in force, or none at all
-TakenName(Conflict)        a token of this name is in use
+RefusedTokenError(StoreError)   a token or session that is not in force, or none at all
+TakenNameError(Conflict)        a token of this name is in use
 """
 
 import hashlib
@@ -25,7 +25,7 @@ from service.db.engine import Database
 from service.db.errors import DatabaseError
 from service.db.tables import AuditRow, SessionRow, TokenRow
 from service.schemas.identity import AuditPage, AuditView, NewToken, Role, TokenView
-from service.store.errors import Conflict, StoreError, UnknownRow
+from service.store.errors import ConflictError, StoreError, UnknownRowError
 
 #: Name of the cookie that holds a session.
 COOKIE = "coastarc_session"
@@ -92,11 +92,11 @@ USE_PERIOD_S = 60.0
 _NO_HASH = hashed("")
 
 
-class RefusedToken(StoreError):
+class RefusedTokenError(StoreError):
     """A token or session that is not in force, or none at all."""
 
 
-class TakenName(Conflict):
+class TakenNameError(ConflictError):
     """A token of this name is in use."""
 
     code = "name_taken"
@@ -203,7 +203,7 @@ class Identities:
 def _create(session: Session, name: str, role: Role, days: float, now: float) -> NewToken:
     taken = select(TokenRow.id).where(TokenRow.name == name, TokenRow.revoked_at.is_(None))
     if session.scalar(taken) is not None:
-        raise TakenName(f"token: expected a name that is not in use, got {name}; revoke that one first")
+        raise TakenNameError(f"token: expected a name that is not in use, got {name}; revoke that one first")
     made = new_secret()
     row = TokenRow(
         id=made.id,
@@ -223,7 +223,7 @@ def _revoke(session: Session, name_or_id: str, now: float) -> TokenView:
     row = session.scalar(in_use.where(TokenRow.name == name_or_id))
     row = row or session.scalar(in_use.where(TokenRow.id == name_or_id))
     if row is None:
-        raise UnknownRow("token", name_or_id, "none with this name or id; see `coastarc token list`")
+        raise UnknownRowError("token", name_or_id, "none with this name or id; see `coastarc token list`")
     row.revoked_at = now
     session.execute(delete(SessionRow).where(SessionRow.token_id == row.id))
     return _view(row, now)
@@ -247,7 +247,7 @@ def _token(session: Session, written: str, now: float) -> TokenRow:
     row = session.get(TokenRow, parts.id) if parts else None
     # The secret is compared first: only who has it is told more about the token.
     if not _is_right(parts, row) or row is None:
-        raise RefusedToken("token: expected one that this service gave out, got another")
+        raise RefusedTokenError("token: expected one that this service gave out, got another")
     return _in_force(row, now)
 
 
@@ -255,7 +255,7 @@ def _session_token(session: Session, written: str, now: float) -> TokenRow:
     parts = taken_apart(written)
     row = session.get(SessionRow, parts.id) if parts else None
     if not _is_right(parts, row) or row is None or row.expires_at <= now:
-        raise RefusedToken("session: expected one that is open, got another; sign in again")
+        raise RefusedTokenError("session: expected one that is open, got another; sign in again")
     token = session.get(TokenRow, row.token_id)
     assert token is not None  # a foreign key
     return _in_force(token, now)
@@ -267,7 +267,7 @@ def _is_right(parts: Secret | None, row: TokenRow | SessionRow | None) -> bool:
 
 def _in_force(row: TokenRow, now: float) -> TokenRow:
     if (state := _state(row, now)) != "active":
-        raise RefusedToken(f"token {row.name}: expected one in force, got one that is {state}")
+        raise RefusedTokenError(f"token {row.name}: expected one in force, got one that is {state}")
     return row
 
 

@@ -14,7 +14,7 @@ from service.schemas.job import AttemptPage, AttemptsOfJob, JobPage, JobView, Qu
 from service.schemas.problem import OutageView, ProblemItem, ProblemPage, ProblemView
 from service.schemas.search import HopsView, SearchDetail
 from service.store import searches
-from service.store.errors import StoreError, UnknownRow
+from service.store.errors import StoreError, UnknownRowError
 from service.store.statistics import job_states, summed
 
 #: What a job's view takes from other rows.
@@ -33,7 +33,7 @@ def get_problem(session: Session, problem_hash: str) -> ProblemView:
     """Return a problem with every field written out."""
     row = session.get(ProblemRow, problem_hash)
     if row is None:
-        raise UnknownRow("problem", problem_hash)
+        raise UnknownRowError("problem", problem_hash)
     return ProblemView(**_item(row).model_dump(), definition=row.definition)
 
 
@@ -88,7 +88,7 @@ def get_job(session: Session, job_id: int) -> JobView:
     """Return a job."""
     found = session.execute(_jobs().where(JobRow.id == job_id)).first()
     if found is None:
-        raise UnknownRow("job", job_id)
+        raise UnknownRowError("job", job_id)
     return _job(*found)
 
 
@@ -158,7 +158,7 @@ def _attempts(condition: ColumnElement[bool], *more: Any) -> Any:
 def attempts_of_job(session: Session, job_id: int, limit: int = 50) -> AttemptsOfJob:
     """Return the latest attempts at a job, with what went wrong in full."""
     if session.get(JobRow, job_id) is None:
-        raise UnknownRow("job", job_id)
+        raise UnknownRowError("job", job_id)
     query = _attempts(AttemptRow.job_id == job_id, AttemptRow.error).order_by(AttemptRow.attempt.desc())
     found = session.execute(query.limit(limit)).mappings()
     return AttemptsOfJob.model_validate({"items": list(found)})

@@ -15,7 +15,7 @@ from service.db.dialect import insert_new, plain
 from service.db.tables import AttemptRow, AuditRow, CampaignRow, EventRow, JobRow, SearchRow, WorkerRow
 from service.schemas.job import WorkerPage
 from service.store.completion import end_attempt
-from service.store.errors import WorkerRefused
+from service.store.errors import WorkerRefusedError
 from service.store.events import note_job
 from service.store.planning import advance
 from service.store.statistics import Counts
@@ -171,7 +171,7 @@ def _require_same(info: WorkerInfo) -> None:
     ours = (code_version(), _minor(platform.python_version()))
     theirs = (info.code_version, _minor(info.python_version))
     if theirs != ours:
-        raise WorkerRefused(
+        raise WorkerRefusedError(
             f"worker {info.name}: expected coastarc {ours[0]} on Python {ours[1]}, got {theirs[0]} on Python "
             f"{theirs[1]}; install the coordinator's version where it runs, and start it again"
         )

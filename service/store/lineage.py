@@ -19,7 +19,7 @@ from service.db.tables import (
 from service.schemas.solution import Child, LineageGraph, Reproduction
 from service.store import solutions
 from service.store.claims import Turn, message_of, seeds_of
-from service.store.errors import UnknownRow
+from service.store.errors import UnknownRowError
 from workers.messages import HopJob
 
 _SEED: BindParameter[str] = bindparam("seed")
@@ -115,7 +115,7 @@ def reproduction(session: Session, solution_id: str) -> Reproduction:
     """Return the job that found a solution first, cut short after the hop that did."""
     found = session.execute(_FIRST_FOUND, {"solution": solution_id}).first()
     if found is None:
-        raise UnknownRow("solution", solution_id)
+        raise UnknownRowError("solution", solution_id)
     solution, solve, row, search, campaign, provenance = found
     turn = Turn(row, solution.problem_hash, search, campaign)
     job = message_of(session, turn, seeds_of(session, [turn]))

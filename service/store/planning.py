@@ -43,7 +43,7 @@ from service.spec import Spec, SpecError
 from service.spec.search_spec import SearchSpec
 from service.store.cache import definition_of, search_spec, spec_of
 from service.store.claims import Worked
-from service.store.errors import KeyReused
+from service.store.errors import KeyReusedError
 from service.store.events import note, note_search
 from service.store.filters import find_campaign
 from service.store.statistics import n_solutions, tallies
@@ -230,7 +230,7 @@ def submit(
     spec_hash = spec.hash if cases is None else cases.spec_hash
     if key is not None and (earlier := session.get(SubmissionRow, key)):
         if earlier.spec_hash != spec_hash:
-            raise KeyReused(
+            raise KeyReusedError(
                 f"idempotency key {key}: expected the specification of campaign {earlier.campaign_id}, with "
                 f"which it came first, got another one; use a new key"
             )

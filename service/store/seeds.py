@@ -24,7 +24,7 @@ from service.spec import Spec, SpecError
 from service.spec.search_spec import SearchSpec
 from service.spec.spec import SeedChoices
 from service.store.cache import search_spec, spec_of
-from service.store.errors import StoreError, UnknownRow
+from service.store.errors import StoreError, UnknownRowError
 from service.store.planning import candidates, n_candidates
 
 #: Pairs of a seed and a mapping in one answer, at most.
@@ -38,9 +38,9 @@ def seeds_of_search(session: Session, campaign_id: int, name: str, wanted: SeedC
     own = (SearchRow.campaign_id == campaign_id) & (SearchRow.name == name)
     row, campaign = session.scalar(select(SearchRow).where(own)), session.get(CampaignRow, campaign_id)
     if campaign is None:
-        raise UnknownRow("campaign", campaign_id)
+        raise UnknownRowError("campaign", campaign_id)
     if row is None:
-        raise UnknownRow("search", f"{name} of campaign {campaign_id}", "none of this name")
+        raise UnknownRowError("search", f"{name} of campaign {campaign_id}", "none of this name")
     fields = search_spec(campaign, row).model_dump(by_alias=True, exclude_unset=True)
     if "seeds" not in fields:
         raise StoreError(f"search {name}: expected S(k|k'), which takes seeds, got {row.strategy}")
@@ -66,7 +66,7 @@ def seeds_of_problem(
     """Return the solutions of the whole archive that would seed a problem, or one of other outages."""
     row = session.get(ProblemRow, problem_hash)
     if row is None:
-        raise UnknownRow("problem", problem_hash)
+        raise UnknownRowError("problem", problem_hash)
     try:
         problem = problem_from(row.definition)
         problem = problem if outages is None else problem.with_outages(outages)
@@ -253,7 +253,7 @@ def family(session: Session, problem_hash: str) -> ProblemFamily:
     """Return the best solutions of a problem, and its relatives with one outage more or less."""
     own = session.get(ProblemRow, problem_hash)
     if own is None:
-        raise UnknownRow("problem", problem_hash)
+        raise UnknownRowError("problem", problem_hash)
     fewer, more = _relatives(session, own)
     return ProblemFamily(
         n_solutions=_n_solutions(session, problem_hash),

@@ -37,7 +37,7 @@ from service.schemas.solution import (
 from service.spec.missed_thrust import analysis_name
 from service.spec.search_spec import SearchSpec
 from service.store.cache import spec_of
-from service.store.errors import StoreError, UnknownRow
+from service.store.errors import StoreError, UnknownRowError
 from service.store.filters import Begin, Filter, Order, Wanted, ids_of_page
 from service.store.statistics import campaign_facts
 from workers.certify import CertificateContent, CertificateDocument
@@ -146,7 +146,7 @@ def _latest(session: Session, solution_id: str) -> CertificateDocument | None:
 def _solution(session: Session, solution_id: str) -> SolutionRow:
     row = session.get(SolutionRow, solution_id)
     if row is None:
-        raise UnknownRow("solution", solution_id)
+        raise UnknownRowError("solution", solution_id)
     return row
 
 
@@ -199,7 +199,7 @@ def get_record(session: Session, solution_id: str) -> RecordInFull:
     """Return a solution with its vector, as it was first found."""
     found = _found(session, _records(session, Filter()).where(SolutionRow.id == solution_id))
     if not found:
-        raise UnknownRow("solution", solution_id)
+        raise UnknownRowError("solution", solution_id)
     certificate = latest_row(session, solution_id)
     return RecordInFull(
         **_with_vector(found[0]).model_dump(), certificate_hash=certificate.hash if certificate else None
@@ -235,7 +235,7 @@ def find_id(session: Session, prefix: str) -> str:
     query = select(SolutionRow.id).where(SolutionRow.id.startswith(prefix, autoescape=True)).limit(2)
     found = session.scalars(query).all()
     if not found:
-        raise UnknownRow("solution", prefix, "none with this id; see `coastarc solutions list`")
+        raise UnknownRowError("solution", prefix, "none with this id; see `coastarc solutions list`")
     if len(found) > 1:
         raise StoreError(
             f"solution {prefix}: expected the beginning of one id, got that of several; type more of it"
@@ -247,14 +247,14 @@ def definition_and_vector(session: Session, solution_id: str) -> tuple[dict[str,
     """Return the problem of a solution as plain data, and its vector."""
     solution = session.get(SolutionRow, solution_id)
     if solution is None:
-        raise UnknownRow("solution", solution_id)
+        raise UnknownRowError("solution", solution_id)
     return session.get_one(ProblemRow, solution.problem_hash).definition, solution.x
 
 
 def lineage(session: Session, solution_id: str) -> Lineage:
     """Return all seeds behind a solution, and the seeds of those."""
     if session.get(SolutionRow, solution_id) is None:
-        raise UnknownRow("solution", solution_id)
+        raise UnknownRowError("solution", solution_id)
     links: list[SeedLinkRow] = []
     known, fresh = {solution_id}, {solution_id}
     while fresh:
@@ -331,7 +331,7 @@ def _found_again(verification: dict[str, Any]) -> dict[str, Any]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Analysed:
+class MissedThrustAnalysis:
     """A solution and what its analysis has found so far."""
 
     solution_id: str
@@ -342,14 +342,14 @@ class Analysed:
 
 def find_analyses(
     session: Session, solution_id: str, campaign_id: int | None = None, limit: int = 1
-) -> list[Analysed]:
+) -> list[MissedThrustAnalysis]:
     """Return the newest analyses of a solution, or that of one campaign."""
     definition, x = definition_and_vector(session, solution_id)
     named = select(CampaignRow).where(CampaignRow.name == analysis_name(solution_id))
     if campaign_id is not None:
         named = named.where(CampaignRow.id == campaign_id)
     found = [
-        Analysed(solution_id, problem_from(definition), x, campaign_facts(session, campaign.id))
+        MissedThrustAnalysis(solution_id, problem_from(definition), x, campaign_facts(session, campaign.id))
         for campaign in session.scalars(named.order_by(CampaignRow.id.desc()).limit(limit))
         if _is_of(spec_of(campaign).search[0], solution_id)
     ]

@@ -42,7 +42,7 @@ from service.db.tables import (
 from service.db.transitions import ENDED
 from service.spec.search_spec import SearchSpec
 from service.store.cache import spec_of
-from service.store.errors import UnknownRow
+from service.store.errors import UnknownRowError
 
 #: Of one search by (noun, name).
 Key = tuple[str, str]
@@ -201,7 +201,7 @@ def campaign_facts(session: Session, campaign_id: int, most_vectors: int | None 
     """
     campaign = session.get(CampaignRow, campaign_id)
     if campaign is None:
-        raise UnknownRow("campaign", campaign_id)
+        raise UnknownRowError("campaign", campaign_id)
     return CampaignFacts(
         id=campaign.id,
         name=campaign.name,
@@ -261,7 +261,7 @@ def _vectors(session: Session, campaign: CampaignRow, most: int | None) -> dict[
 def n_solves(session: Session, campaign_id: int) -> int:
     """Return how many solves a campaign has made, as its searches count them."""
     if session.get(CampaignRow, campaign_id) is None:
-        raise UnknownRow("campaign", campaign_id)
+        raise UnknownRowError("campaign", campaign_id)
     return (
         session.scalar(select(func.sum(SearchRow.n_solves)).where(SearchRow.campaign_id == campaign_id)) or 0
     )
@@ -285,7 +285,7 @@ class Reading:
     archive_bytes: int
 
 
-class Gauges:
+class OperatorMetrics:
     """The gauges of one archive."""
 
     def __init__(self, database: Database, clock: Callable[[], float], lease_s: float) -> None:

@@ -48,17 +48,16 @@ from service.store import (
     solutions,
     statistics,
 )
-from service.store.archive_io import TakenIn
+from service.store.archive_io import ImportResult
 from service.store.cache import spec_fields, spec_of
-from service.store.campaign_history import Chronicles
+from service.store.campaign_history import HistoryCache
 from service.store.campaigns import Verb
-from service.store.errors import StoreError, UnknownRow
 from service.store.filters import Begin, Filter, Order
 from service.store.identity import Identities
 from service.store.jobs import Activity
 from service.store.seeds import family, seeds_of_problem, seeds_of_search
 from service.store.solutions import Certificates
-from service.store.statistics import Gauges, require_writable
+from service.store.statistics import OperatorMetrics, require_writable
 from workers.executor import Ticket
 from workers.messages import (
     ChainPart,
@@ -70,8 +69,6 @@ from workers.messages import (
     WorkerInfo,
 )
 from workers.patience import Outage
-
-__all__ = ["Store", "StoreError", "UnknownRow"]
 
 #: Between two pieces of one piece of work, so that who waits for the lock of writers gets it [s].
 TURN_S = 0.005
@@ -97,12 +94,12 @@ class Store:
         self._is_clock_shared = clock is None and not isinstance(place, Path)
         self._ahead_s = 0.0
         #: What operators watch.
-        self.gauges = Gauges(self._database, self._about_now, leases.lease_s)
+        self.gauges = OperatorMetrics(self._database, self._about_now, leases.lease_s)
         #: Searches hop by hop, attempts and the queue.
         self.activity = Activity(self._database, self._about_now, leases)
         #: What independent flights certify.
         self.certificates = Certificates(self._database)
-        self._chronicles = Chronicles(self._database)
+        self._histories = HistoryCache(self._database)
 
     def __enter__(self) -> Self:
         """Give the store; it is closed at the end of the block."""
@@ -288,9 +285,11 @@ class Store:
         """Give a dead or cancelled job another attempt."""
         self._database.write(lambda session: campaigns.requeue_job(session, job_id, self._now(session)))
 
-    def take_in(self, read: ReadFile) -> TakenIn:
+    def import_campaigns(self, read: ReadFile) -> ImportResult:
         """Store the campaigns of a portable file that are not there yet, in one transaction."""
-        return self._database.write(lambda session: archive_io.take_in(session, read, self._now(session)))
+        return self._database.write(
+            lambda session: archive_io.import_campaigns(session, read, self._now(session))
+        )
 
     # What reads it.
 
@@ -307,16 +306,16 @@ class Store:
 
     def read_history(self) -> bool:
         """Read a piece of what cards and histories of campaigns tell of; return whether more may be left."""
-        return self._chronicles.read_on()
+        return self._histories.read_on()
 
     def campaign_cards(self) -> list[CampaignCard]:
         """Return the campaigns with how far they are and what they have found, the newest first."""
         now = self._about_now()
-        return self._chronicles.ask(lambda session, known: campaigns.campaign_cards(session, known, now))
+        return self._histories.ask(lambda session, known: campaigns.campaign_cards(session, known, now))
 
     def campaign_history(self, campaign_id: int) -> HistoryView:
         """Return how a campaign came to what it has found."""
-        return self._chronicles.ask(
+        return self._histories.ask(
             lambda session, known: campaign_history.campaign_history(session, known, campaign_id)
         )
 
@@ -424,7 +423,7 @@ class Store:
 
     def missed_thrust_analyses(
         self, solution_id: str, campaign_id: int | None = None, limit: int = 1
-    ) -> list[solutions.Analysed]:
+    ) -> list[solutions.MissedThrustAnalysis]:
         """Return what the newest missed-thrust analyses of a solution found, or that of one campaign."""
         with self._database.read() as session:
             return solutions.find_analyses(session, solution_id, campaign_id, limit)

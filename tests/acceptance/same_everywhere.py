@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from hashlib import blake2b
 from pathlib import Path
 
-from service.coordinator import Coordinator, Crew
+from service.coordinator import Coordinator, WorkerSetup
 from service.spec import load_spec, spec_from
 from tests.ray_clusters import nodes
 from tests.service.campaigns import content
@@ -28,9 +28,9 @@ from workers.process_tree import single_threaded
 QUICK = Path(__file__).parents[2] / "examples" / "quick.toml"
 COASTARC = Path(sys.executable).with_name("coastarc")
 CREWS = {
-    "inline": Crew(1, ExecutorKind.INLINE),
-    "process pool, 2 processes": Crew(2, ExecutorKind.PROCESS),
-    "ray, 2 workers": Crew(2, ExecutorKind.RAY),
+    "inline": WorkerSetup(1, ExecutorKind.INLINE),
+    "process pool, 2 processes": WorkerSetup(2, ExecutorKind.PROCESS),
+    "ray, 2 workers": WorkerSetup(2, ExecutorKind.RAY),
 }
 CLUSTER = "ray, cluster of 4 nodes"
 PLACES = (*CREWS, CLUSTER)
@@ -38,7 +38,7 @@ PLACES = (*CREWS, CLUSTER)
 PATIENCE_S = 7200.0
 
 
-class CampaignStuck(RuntimeError):
+class CampaignStuckError(RuntimeError):
     """A campaign that did not end."""
 
 
@@ -64,7 +64,7 @@ def dispatch_on_cluster(url: str, runner: str, cluster: tuple[str, Path]) -> Ite
         finally:
             process.terminate()
     if process.returncode != 0:
-        raise CampaignStuck(f"coastarc dispatch: expected exit code 0, got {process.returncode}")
+        raise CampaignStuckError(f"coastarc dispatch: expected exit code 0, got {process.returncode}")
 
 
 def wait_for_end(coordinator: Coordinator, campaign_id: int, worker: subprocess.Popen | None) -> None:
@@ -72,7 +72,7 @@ def wait_for_end(coordinator: Coordinator, campaign_id: int, worker: subprocess.
     while coordinator.store.campaign_state(campaign_id) != "done":
         coordinator.raise_fault()
         if time.monotonic() > deadline or (worker and worker.poll() is not None):
-            raise CampaignStuck(f"campaign: expected state done, got {coordinator.store.campaigns()}")
+            raise CampaignStuckError(f"campaign: expected state done, got {coordinator.store.campaigns()}")
         time.sleep(0.2)
 
 
@@ -86,7 +86,7 @@ def run_at(place: str, spec, runner: str, cluster: tuple[str, Path] | None) -> d
                 wait_for_end(coordinator, campaign_id, worker)
         else:
             crew = CREWS[place]
-            coordinator.work(Crew(crew.n_workers, crew.executor, runner), campaign_id)
+            coordinator.work(WorkerSetup(crew.n_workers, crew.executor, runner), campaign_id)
             wait_for_end(coordinator, campaign_id, None)
         wall_seconds = time.monotonic() - begin
         return told(coordinator.store, campaign_id) | {"wall_seconds": round(wall_seconds, 1)}

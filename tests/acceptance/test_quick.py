@@ -14,7 +14,7 @@ from core.problem import load_problem
 from service.db.errors import DatabaseError
 from service.spec import load_spec
 from service.spec.spec_check import require_flyable
-from service.store import Store, UnknownRow
+from service.store import Store, UnknownRowError
 from workers.process_tree import single_threaded
 
 pytestmark = pytest.mark.slow
@@ -43,7 +43,7 @@ def n_solves(folder):
     try:
         with Store(folder, read_only=True) as store:
             return store.campaign(1).searches[0].n_solves
-    except (DatabaseError, UnknownRow):
+    except (DatabaseError, UnknownRowError):
         return 0  # Not created, or not submitted, yet.
 
 

@@ -9,7 +9,7 @@ import sys
 from service import scheduler
 from service.store import Store
 from tests.service import fake_coastarc
-from workers.dispatcher import StaleAttempt
+from workers.messages import StaleAttemptError
 
 #: Failures after which a job is dead, in place of the usual number.
 FAILURES = "COASTARC_TEST_FAILURES"
@@ -20,7 +20,7 @@ def noting_what_is_stale(complete_many):
     def noted(self, reports, by=None):
         try:
             return complete_many(self, reports, by)
-        except StaleAttempt:
+        except StaleAttemptError:
             # Of several, each comes again by itself.
             if len(reports) == 1:
                 sys.stderr.write(STALE_LINE + "\n")

@@ -7,7 +7,7 @@ from tests.workers.fake import run_fake
 from tests.workers.jobs import worker_info
 from workers.dispatcher import Dispatcher
 from workers.executor import Inline, Ticket
-from workers.messages import ClaimAnswer, CompleteManyAnswer, CompleteManyRequest, Unacceptable
+from workers.messages import ClaimAnswer, CompleteManyAnswer, CompleteManyRequest, UnacceptableError
 
 OUTAGE = {"segment": 24, "duration_days": 1.0}
 #: Nine days of spiral, for which there may be propellant.
@@ -66,7 +66,7 @@ class StoreSource:
         try:
             return CompleteManyAnswer(answers=tuple(self._store.complete_many(reports)))
         except StoreError as error:
-            raise Unacceptable(str(error)) from error
+            raise UnacceptableError(str(error)) from error
 
 
 def dispatcher_on(store: Store, executor) -> Dispatcher:

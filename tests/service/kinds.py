@@ -17,7 +17,7 @@ from service.solutions.refine import refinement_spec
 from service.spec import spec_from
 from service.spec.missed_thrust import analysis_spec, grid_of
 from service.store import Store
-from service.store.archive_files import packed, pieces, take_in_file
+from service.store.archive_files import import_file, packed, pieces
 from service.store.solutions import Filter
 from tests.acceptance import known
 from tests.service.campaigns import dispatcher_on
@@ -132,7 +132,7 @@ def _imported(store, runner):
             fields = known.SPEC | {"campaign": {"name": "imported", "rng_seed": 9}}
             with packed(there, _worked_off(there, fields, runner)) as draft:
                 write_new(path, pieces(draft))
-        return take_in_file(store, path).campaign_id
+        return import_file(store, path).campaign_id
 
 
 def place(job):

@@ -45,9 +45,9 @@ CALLS = {
     "submit": ({"campaign": {}}, "key-1"),
     "control_campaign": (1, "pause"),
     "control_search": (1, "s0", "resume"),
-    "order_campaign": (1, -1),
-    "order_search": (1, "s0", -1),
-    "weigh_search": (1, "s0", 2.0),
+    "set_campaign_priority": (1, -1),
+    "set_search_priority": (1, "s0", -1),
+    "set_search_weight": (1, "s0", 2.0),
     "cancel_job": (1,),
     "requeue_job": (1,),
     "campaigns": (),
@@ -77,12 +77,12 @@ QUERIES = {
 }
 
 
-class Asked(Exception):
+class SentError(Exception):
     """What a client sends; raised in place of an answer."""
 
 
 def refuse(request):
-    raise Asked(request)
+    raise SentError(request)
 
 
 def operation_of(document, request):
@@ -100,7 +100,7 @@ def operation_of(document, request):
 
 def request_of(api, call):
     api._http = httpx.Client(base_url=api._http.base_url, transport=httpx.MockTransport(refuse))
-    with pytest.raises(Asked) as asked:
+    with pytest.raises(SentError) as asked:
         call()
     api._http.close()
     return asked.value.args[0]

@@ -15,7 +15,7 @@ from pathlib import Path
 import psutil
 
 from tests.workers.jobs import hop_job
-from workers.executor import ExecutorLost, Ticket
+from workers.executor import ExecutorLostError, Ticket
 from workers.ray_executor import RayCluster, RayExecutor
 from workers.ray_nodes import Watchdog
 
@@ -49,7 +49,7 @@ def seconds_until_lost(executor):
     while time.monotonic() < start + 90:
         try:
             executor.finished(0.5)
-        except ExecutorLost:
+        except ExecutorLostError:
             return time.monotonic() - start
     return None
 

@@ -13,13 +13,13 @@ from workers.messages import (
     ClaimAnswer,
     ClaimRequest,
     CompleteRequest,
-    Faulty,
+    FaultyError,
     HeartbeatRequest,
     HeldJob,
-    Refused,
-    StaleAttempt,
-    Unacceptable,
-    Unreachable,
+    RefusedError,
+    StaleAttemptError,
+    UnacceptableError,
+    UnreachableError,
 )
 
 REPORT = CompleteRequest(job_id=1, attempt=2, outcome=run_fake(hop_job()))
@@ -65,21 +65,21 @@ def test_a_heartbeat_says_all_that_is_held():
 @pytest.mark.parametrize(
     ("answer", "error"),
     [
-        (refusal(409, "stale_attempt"), StaleAttempt),
-        (refusal(409, "worker_refused"), Refused),
-        (refusal(401), Refused),
-        (refusal(403), Refused),
-        (refusal(413), Unacceptable),
-        (refusal(422), Unacceptable),
-        (refusal(404), Unacceptable),
-        (refusal(500), Faulty),
-        (refusal(503), Unreachable),
-        (httpx.Response(502, text="<html>a proxy</html>"), Unreachable),
-        (httpx.Response(200, text="<html>a page</html>"), Refused),
-        (httpx.Response(302, headers={"Location": "http://elsewhere/"}), Refused),
-        (httpx.ConnectError("connection refused"), Unreachable),
-        (httpx.ReadTimeout("timed out"), Unreachable),
-        (httpx.RemoteProtocolError("closed"), Unreachable),
+        (refusal(409, "stale_attempt"), StaleAttemptError),
+        (refusal(409, "worker_refused"), RefusedError),
+        (refusal(401), RefusedError),
+        (refusal(403), RefusedError),
+        (refusal(413), UnacceptableError),
+        (refusal(422), UnacceptableError),
+        (refusal(404), UnacceptableError),
+        (refusal(500), FaultyError),
+        (refusal(503), UnreachableError),
+        (httpx.Response(502, text="<html>a proxy</html>"), UnreachableError),
+        (httpx.Response(200, text="<html>a page</html>"), RefusedError),
+        (httpx.Response(302, headers={"Location": "http://elsewhere/"}), RefusedError),
+        (httpx.ConnectError("connection refused"), UnreachableError),
+        (httpx.ReadTimeout("timed out"), UnreachableError),
+        (httpx.RemoteProtocolError("closed"), UnreachableError),
     ],
 )
 def test_each_answer_to_a_report_says_what_to_do_next(answer, error):
@@ -90,18 +90,18 @@ def test_each_answer_to_a_report_says_what_to_do_next(answer, error):
 
 def test_a_claim_that_is_refused_is_not_asked_again():
     for status in (404, 413, 422):
-        with pytest.raises(Refused, match=f"no, {status}"):
+        with pytest.raises(RefusedError, match=f"no, {status}"):
             source_of(refusal(status)).claim(CLAIM)
 
 
 def test_who_asks_too_often_is_told_how_long_to_wait():
-    with pytest.raises(Unreachable) as raised:
+    with pytest.raises(UnreachableError) as raised:
         source_of(refusal(429, headers={"Retry-After": "7"})).claim(CLAIM)
     assert raised.value.wait_s == 7.0
 
 
 def test_nobody_at_the_address_is_worth_another_try():
-    with pytest.raises(Unreachable, match="coordinator: expected one at http://127"):
+    with pytest.raises(UnreachableError, match="coordinator: expected one at http://127"):
         HttpSource(Api("http://127.0.0.1:9")).claim(CLAIM)
 
 

@@ -8,18 +8,18 @@ import pytest
 from tests.service.clock import Clock
 from tests.workers.fake import run_fake
 from tests.workers.jobs import hop_job, worker_info
-from workers.dispatcher import Dispatcher, StaleAttempt
-from workers.executor import ExecutorLost, Inline, Ticket
+from workers.dispatcher import Dispatcher, StaleAttemptError
+from workers.executor import ExecutorLostError, Inline, Ticket
 from workers.messages import (
     Claim,
     ClaimAnswer,
     CompleteAnswer,
     CompleteManyAnswer,
     Ending,
-    Faulty,
+    FaultyError,
     HeartbeatAnswer,
-    Unacceptable,
-    Unreachable,
+    UnacceptableError,
+    UnreachableError,
     wall_limit_s,
 )
 from workers.patience import Backoff
@@ -72,7 +72,7 @@ class DeafSource(ListSource):
     """Refuses every report, as after a lease that was taken over."""
 
     def complete(self, request):
-        raise StaleAttempt("job: expected to hold it, got a stale report")
+        raise StaleAttemptError("job: expected to hold it, got a stale report")
 
 
 class FailingSource(ListSource):
@@ -154,7 +154,7 @@ def test_a_solve_in_the_dispatchers_own_thread_does_not_delay_heartbeats():
     assert [n for _, n in source.beats[:2]] == [1, 1]
 
 
-@pytest.mark.parametrize("fault", [Unreachable("no answer"), Faulty("500")])
+@pytest.mark.parametrize("fault", [UnreachableError("no answer"), FaultyError("500")])
 def test_a_report_without_an_answer_is_sent_again(fault):
     source = FailingSource(3, fault, n_faults=2)
     work(Dispatcher(source, Inline(run_fake), INFO), lambda: len(source.reported) == 3)
@@ -162,7 +162,7 @@ def test_a_report_without_an_answer_is_sent_again(fault):
 
 
 def test_a_report_that_is_never_taken_is_replaced_by_the_reason():
-    source = FailingSource(2, Unacceptable("body: expected less"), n_faults=1)
+    source = FailingSource(2, UnacceptableError("body: expected less"), n_faults=1)
     work(Dispatcher(source, Inline(run_fake), INFO), lambda: len(source.reported) == 2)
     assert [outcome.error for outcome in source.reported.values()] == ["report: body: expected less"] * 2
 
@@ -170,10 +170,10 @@ def test_a_report_that_is_never_taken_is_replaced_by_the_reason():
 def test_jobs_that_are_lost_with_their_executor_are_reported_before_the_end():
     class Lost(Inline):
         def finished(self, timeout):
-            raise ExecutorLost("ray cluster: expected an answer, got none")
+            raise ExecutorLostError("ray cluster: expected an answer, got none")
 
     source = ListSource(1)
-    with pytest.raises(ExecutorLost):
+    with pytest.raises(ExecutorLostError):
         Dispatcher(source, Lost(run_fake), INFO).run(lambda: False)
     assert source.reported[Ticket(1, 1)].ending is Ending.LOST
 
@@ -232,7 +232,7 @@ class PickySource(ListSource):
 
     def complete(self, request):
         if request.job_id == 2:
-            raise StaleAttempt("job: expected to hold it, got a stale report")
+            raise StaleAttemptError("job: expected to hold it, got a stale report")
         return super().complete(request)
 
 

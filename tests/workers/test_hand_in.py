@@ -20,13 +20,13 @@ from workers.messages import (
     ChainPart,
     ChainPlace,
     Ending,
-    Faulty,
+    FaultyError,
     HandInAnswer,
     HopJob,
     HopLaws,
     JobOutcome,
-    StaleAttempt,
-    Unreachable,
+    StaleAttemptError,
+    UnreachableError,
 )
 from workers.process_pool import ProcessPool
 
@@ -212,12 +212,12 @@ def test_an_outcome_that_comes_with_its_parts_brings_them_itself():
 
 
 def test_what_a_process_handed_in_before_it_died_is_reported_before_its_death():
-    source = TakingSource(Unreachable("no answer"))
+    source = TakingSource(UnreachableError("no answer"))
     assert worked(source, JobOutcome(ending=Ending.CRASH)).ending is Ending.CRASH
     assert source.parts == [[0, 1, 2]]
 
 
-@pytest.mark.parametrize("fault", [Faulty("500"), StaleAttempt("job 1: expected to hold it")])
+@pytest.mark.parametrize("fault", [FaultyError("500"), StaleAttemptError("job 1: expected to hold it")])
 def test_parts_that_are_refused_are_left_to_the_outcome(fault):
     source = TakingSource(fault)
     assert worked(source, JobOutcome(ending=Ending.CRASH)).ending is Ending.CRASH and source.parts == []

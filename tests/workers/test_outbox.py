@@ -11,12 +11,12 @@ from workers.messages import (
     CompleteAnswer,
     CompleteRequest,
     Ending,
-    Faulty,
+    FaultyError,
     HeartbeatAnswer,
     HeldJob,
-    Refused,
-    Unacceptable,
-    Unreachable,
+    RefusedError,
+    UnacceptableError,
+    UnreachableError,
     job_digest,
 )
 from workers.outbox import Outbox
@@ -55,7 +55,7 @@ class AwaySource(ListSource):
         return super().complete(request)
 
 
-@pytest.mark.parametrize("fault", [Faulty("500", status=500), Unreachable("503", status=503)])
+@pytest.mark.parametrize("fault", [FaultyError("500", status=500), UnreachableError("503", status=503)])
 def test_an_outcome_is_kept_however_long_the_service_fails_over_everything(fault, outbox, caplog):
     source = AwaySource(1, fault, MANY)
     dispatcher = dispatcher_on(source, outbox)
@@ -72,7 +72,7 @@ def test_an_outcome_is_kept_however_long_the_service_fails_over_everything(fault
 
 
 def test_a_report_over_which_a_service_fails_that_takes_others_is_put_aside_and_told(outbox, caplog):
-    source = FailingSource(3, Faulty("500", status=500), n_faults=0)
+    source = FailingSource(3, FaultyError("500", status=500), n_faults=0)
     source.n_left[1] = 10**6
     dispatcher = dispatcher_on(source, outbox)
     dispatcher._unreported = {Ticket(i, 1): run_fake(hop_job(chain=i - 1)) for i in (1, 2)}
@@ -97,7 +97,7 @@ def test_a_report_over_which_a_service_fails_that_takes_others_is_put_aside_and_
 
 
 def test_what_a_dispatcher_could_not_hand_in_is_handed_in_first_by_the_next(outbox):
-    away = AwaySource(1, Unreachable("coordinator: expected one, got none"), 10**6)
+    away = AwaySource(1, UnreachableError("coordinator: expected one, got none"), 10**6)
     first = dispatcher_on(away, outbox)
     first.run(lambda: bool(away.n_faults < 10**6 - 3))
     assert files(outbox) == ["job-1-attempt-1.json"]
@@ -123,7 +123,7 @@ def test_a_report_from_a_file_says_which_job_it_is_of(outbox):
             asked.append(request.job_digest)
             return super().complete(request)
 
-    away = AwaySource(1, Unreachable("no answer"), 1)
+    away = AwaySource(1, UnreachableError("no answer"), 1)
     dispatcher = dispatcher_on(away, outbox)
     dispatcher.step()
     dispatcher_on(Curious(0), outbox).step()
@@ -133,26 +133,26 @@ def test_a_report_from_a_file_says_which_job_it_is_of(outbox):
 def test_a_dispatcher_that_is_refused_leaves_what_it_has_in_its_outbox(outbox):
     class Refusing(ListSource):
         def complete(self, request):
-            raise Refused("token: expected one in force, got none")
+            raise RefusedError("token: expected one in force, got none")
 
-    with pytest.raises(Refused):
+    with pytest.raises(RefusedError):
         dispatcher_on(Refusing(1), outbox).run(lambda: False)
     assert files(outbox) == ["job-1-attempt-1.json"]
 
 
 def test_an_outcome_of_another_archive_is_put_aside_and_no_job_of_this_one_gets_an_error(outbox):
-    dispatcher_on(AwaySource(1, Unreachable("no answer"), 1), outbox).step()
+    dispatcher_on(AwaySource(1, UnreachableError("no answer"), 1), outbox).step()
 
     class Other(ListSource):
         def complete(self, request):
-            raise Unacceptable("job 1: expected the outcome of this job, got that of another archive's")
+            raise UnacceptableError("job 1: expected the outcome of this job, got that of another archive's")
 
     dispatcher = dispatcher_on(Other(0), outbox)
     assert not dispatcher.step() and files(outbox) == ["refused/job-1-attempt-1.json"]
 
 
 def test_an_outcome_for_a_job_that_was_given_up_is_put_aside(outbox):
-    dispatcher_on(AwaySource(1, Unreachable("no answer"), 1), outbox).step()
+    dispatcher_on(AwaySource(1, UnreachableError("no answer"), 1), outbox).step()
 
     class Dead(ListSource):
         def complete(self, request):
@@ -173,7 +173,7 @@ def test_an_outcome_is_offered_even_when_its_lease_has_run_out(outbox):
 
 def test_a_disk_that_takes_no_file_keeps_nobody_from_waiting_in_memory(tmp_path, caplog):
     (tmp_path / "outbox").write_text("in the way")
-    source = AwaySource(1, Unreachable("no answer"), 3)
+    source = AwaySource(1, UnreachableError("no answer"), 3)
     dispatcher = dispatcher_on(source, Outbox(tmp_path / "outbox"))
     for _ in range(6):
         dispatcher.step()

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from tests.workers.jobs import hop_job
-from workers.executor import ExecutorError, ExecutorLost, Ticket
+from workers.executor import ExecutorError, ExecutorLostError, Ticket
 from workers.messages import Ending
 from workers.ray_executor import RayCluster, RayExecutor
 from workers.ray_nodes import Watchdog
@@ -60,7 +60,7 @@ def look_at(outcomes):
 @pytest.mark.parametrize("outcomes", [[None, None], [RayError(), RayError()], [b"", None, RayError()]])
 def test_two_questions_in_a_row_without_an_answer_or_with_an_error_are_a_lost_cluster(outcomes):
     # A cluster whose raylet was killed answers everything with errors, once it has noticed.
-    with pytest.raises(ExecutorLost, match="got none or an error, twice"):
+    with pytest.raises(ExecutorLostError, match="got none or an error, twice"):
         look_at(outcomes)
 
 
@@ -78,7 +78,7 @@ def executor_on(outcome):
 
 def test_jobs_are_not_blamed_for_the_death_of_the_drivers_own_node():
     # Each would crash at once, three times in a few seconds, and be given up.
-    with pytest.raises(ExecutorLost, match="expected a raylet, got"):
+    with pytest.raises(ExecutorLostError, match="expected a raylet, got"):
         executor_on(LocalRayletDiedError("the task's local raylet died")).finished(0.0)
 
 
@@ -90,7 +90,7 @@ def test_a_process_that_died_is_the_crash_of_its_job_alone():
 @pytest.mark.parametrize(
     ("is_own", "error", "kind"),
     [
-        (True, LocalRayletDiedError(), ExecutorLost),
+        (True, LocalRayletDiedError(), ExecutorLostError),
         (True, FakeRay.exceptions.RayTaskError(), ExecutorError),
         (False, LocalRayletDiedError(), ExecutorError),
     ],

@@ -5,7 +5,7 @@ import { el, fill } from "./dom.js";
 
 /**
  * @import { Child } from "./dom.js"
- * @import { CampaignView, JobView, SearchDetail, SearchView, SessionView, TakenInView } from "../types"
+ * @import { CampaignView, JobView, SearchDetail, SearchView, SessionView, ImportView } from "../types"
  */
 
 /**
@@ -223,7 +223,7 @@ export function askImport() {
   confirm("Import a campaign?", words, "Import the campaign", async () => {
     const [chosen] = file.files ?? [];
     if (!chosen) throw new ApiError(0, "Choose a file first.");
-    /** @type {TakenInView} */
+    /** @type {ImportView} */
     const { campaign_id } = await upload("/campaigns/import", chosen, "application/zip");
     window.location.assign(`/campaigns/${campaign_id}`);
   });

@@ -34,7 +34,7 @@ PRESET, OUTAGE_DAYS = "ppe-drm3", 2.5
 SPIRAL_EPOCH = "2025-11-01T00:00:00"
 
 
-class NoExample(RuntimeError):
+class ExampleFailedError(RuntimeError):
     """A solve of the example that does not close on this machine."""
 
 
@@ -90,11 +90,11 @@ def motivating() -> Example:
     problem = load_problem(PRESET)
     nominal = solve(transcribe(problem), _start())
     if not nominal.is_feasible:
-        raise NoExample(f"nominal transfer: expected a solution, got {nominal.status.name}")
+        raise ExampleFailedError(f"nominal transfer: expected a solution, got {nominal.status.name}")
     robust = problem.with_outages([(_first_burn(problem, nominal.x), OUTAGE_DAYS)])
     recovered = solve_recovery(problem, nominal.x, robust)
     if not recovered.is_feasible:
-        raise NoExample(f"recovery: expected a solution, got {recovered.status.name}")
+        raise ExampleFailedError(f"recovery: expected a solution, got {recovered.status.name}")
     return Example(_view(robust, recovered.x), robust, fly(robust, recovered.x))
 
 

@@ -4,7 +4,7 @@ import pytest
 from core.ephemeris.kernels import furnish
 from core.problem import seconds_past_j2000
 from core.verification import repropagation
-from core.verification.repropagation import Pilot, Unflyable
+from core.verification.repropagation import Pilot, UnflyableError
 
 EARTH_GM = 398600.43550702266
 ORIGIN_ET = seconds_past_j2000("2026-04-26T14:47:58")
@@ -66,18 +66,18 @@ def test_an_arc_flown_back_returns_to_its_start(pilot):
 def test_a_fall_into_the_moon_is_told_with_its_epoch(pilot):
     moon = pilot.target_state(repropagation.MOON, 0.0)
     above = state_of(moon[:3] + np.array([20000.0, 0, 0]), moon[3:])
-    with pytest.raises(Unflyable, match=r"meets the Moon 0\.\d+ days after departure"):
+    with pytest.raises(UnflyableError, match=r"meets the Moon 0\.\d+ days after departure"):
         pilot.arc(0.0, above, 3 * 86400.0)
 
 
 def test_an_arc_that_burns_more_than_its_mass_is_refused(pilot):
     start = state_of((1e5, 0, 0), (0, 2.0, 0), mass=10.0)
-    with pytest.raises(Unflyable, match="no mass left"):
+    with pytest.raises(UnflyableError, match="no mass left"):
         pilot.arc(0.0, start, 5 * 86400.0, pilot.thrust(np.array([1.0, 0, 0])))
 
 
 def test_an_endless_spiral_is_given_up(pilot, monkeypatch):
     monkeypatch.setattr(repropagation, "MAX_EVALUATIONS", 500)
     start = state_of((7000.0, 0, 0), (0, np.sqrt(EARTH_GM / 7000.0), 0))
-    with pytest.raises(Unflyable, match="integration gave up"):
+    with pytest.raises(UnflyableError, match="integration gave up"):
         pilot.arc(0.0, start, 30 * 86400.0)

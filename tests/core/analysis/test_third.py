@@ -9,7 +9,7 @@ from core.problem import load_problem
 from core.verification.certificate import certify
 from core.verification.end_to_end import apart
 from core.verification.heyoka_check import read_runs
-from core.verification.repropagation import Unflyable, pilot_of
+from core.verification.repropagation import UnflyableError, pilot_of
 from tests.core.analysis.by_hand import ORIGIN_ET
 
 pytest.importorskip("heyoka", reason="heyoka is an extra: pip install -c constraints.txt -e '.[heyoka]'")
@@ -77,5 +77,5 @@ def test_an_arc_in_two_parts_is_the_same_arc(pilot):
 
 
 def test_a_fall_into_the_centre_is_given_up(pilot):
-    with pytest.raises(Unflyable, match="integration gave up"):
+    with pytest.raises(UnflyableError, match="integration gave up"):
         pilot.arc(0.0, np.array([7000.0, 0, 0, 0, 0, 0, 1000.0]), DAY)

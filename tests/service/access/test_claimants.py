@@ -20,7 +20,7 @@ from workers.messages import (
     HeldJob,
     HopJob,
     JobOutcome,
-    StaleAttempt,
+    StaleAttemptError,
 )
 
 JOBS = "/api/v1/jobs"
@@ -117,7 +117,7 @@ def test_one_report_of_another_among_several_costs_none_of_them(store, post):
 def test_a_worker_counts_it_as_no_longer_its_own():
     fault = {"status": 403, "detail": "job 1: expected the token that claimed", "code": "other_claimant"}
     answer = httpx.MockTransport(lambda request: httpx.Response(403, json=fault))
-    with Api("http://127.0.0.1:8741", "bob", transport=answer) as api, pytest.raises(StaleAttempt):
+    with Api("http://127.0.0.1:8741", "bob", transport=answer) as api, pytest.raises(StaleAttemptError):
         HttpSource(api).complete(CompleteRequest(job_id=1, attempt=1, outcome=JobOutcome(ending="crash")))
 
 

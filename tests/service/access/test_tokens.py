@@ -10,8 +10,16 @@ from service.auth.network import Access
 from service.auth.rights import ANYONE, QUESTIONS, RIGHTS, least
 from service.schemas.identity import Role
 from service.settings import Settings
-from service.store import Store, StoreError, UnknownRow
-from service.store.identity import COOKIE, SESSION_S, RefusedToken, TakenName, hashed, new_secret, taken_apart
+from service.store import Store, StoreError, UnknownRowError
+from service.store.identity import (
+    COOKIE,
+    SESSION_S,
+    RefusedTokenError,
+    TakenNameError,
+    hashed,
+    new_secret,
+    taken_apart,
+)
 from tests.api_examples import example_of
 from tests.service.campaigns import spec_fields
 from tests.service.routes import lines_of
@@ -177,12 +185,12 @@ def test_two_secrets_are_never_the_same_and_have_256_bits():
 
 def test_a_name_is_free_again_when_its_token_is_revoked(store):
     first = store.identities.create("ada", Role.VIEWER, 1.0)
-    with pytest.raises(TakenName, match="expected a name that is not in use, got ada"):
+    with pytest.raises(TakenNameError, match="expected a name that is not in use, got ada"):
         store.identities.create("ada", Role.ADMIN, 1.0)
     assert store.identities.revoke("ada").id == first.id
     store.identities.create("ada", Role.ADMIN, 1.0)
     assert [view.state for view in store.identities.tokens()].count("revoked") == 1
-    with pytest.raises(UnknownRow):
+    with pytest.raises(UnknownRowError):
         store.identities.revoke("bob")
 
 
@@ -190,7 +198,7 @@ def test_replacing_a_token_ends_the_one_before(store):
     first = store.identities.replace("dispatcher", Role.WORKER, 1.0)
     second = store.identities.replace("dispatcher", Role.WORKER, 1.0)
     assert store.identities.identify(second.token).role is Role.WORKER
-    with pytest.raises(RefusedToken):
+    with pytest.raises(RefusedTokenError):
         store.identities.identify(first.token)
     assert len(store.identities.tokens()) == 1
     # With worker tokens alone nobody could sign in.
@@ -203,7 +211,7 @@ def test_a_replaced_token_that_the_audit_names_stays_as_a_row(client, store):
     store.identities.replace("dispatcher", Role.WORKER, 1.0)
     assert [view.state for view in store.identities.tokens() if view.id == first.id] == ["revoked"]
     with pytest.raises(
-        RefusedToken, match="token dispatcher: expected one in force, got one that is revoked"
+        RefusedTokenError, match="token dispatcher: expected one in force, got one that is revoked"
     ):
         store.identities.identify(first.token)
 
@@ -382,4 +390,4 @@ def test_no_secret_reaches_the_log(client, store, token, caplog, monkeypatch):
 
 
 def test_refusals_of_the_store_are_errors_of_the_store():
-    assert issubclass(RefusedToken, StoreError) and issubclass(TakenName, StoreError)
+    assert issubclass(RefusedTokenError, StoreError) and issubclass(TakenNameError, StoreError)

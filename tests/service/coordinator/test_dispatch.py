@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from service.client import Client, ClientError
-from service.coordinator import Coordinator, Crew
+from service.coordinator import Coordinator, WorkerSetup
 from service.coordinator.supervisor import Supervisor
-from service.db.errors import WriteFault
+from service.db.errors import WriteError
 from service.scheduler import LeaseSettings
 from service.schemas.identity import Role
 from service.store import Store
@@ -24,7 +24,7 @@ from tests.service.fake_coastarc import LEASE
 from tests.workers.jobs import worker_info
 from workers.client import Api, HttpSource
 from workers.dispatch import CANNOT_WORK, DispatchOrder, ExecutorKind
-from workers.messages import ClaimRequest, Refused
+from workers.messages import ClaimRequest, RefusedError
 
 SLOW = "tests.workers.fake:run_slowly"
 #: Long enough for a heartbeat on a busy machine, short enough to be waited for.
@@ -113,7 +113,7 @@ def test_a_killed_dispatcher_is_replaced_and_its_jobs_run_again_after_their_leas
     coordinator, _ = guarded
     expected = undisturbed(tmp_path / "undisturbed", guesses=24)
     campaign_id = submitted(coordinator.store, spec_fields(24))
-    coordinator.work(Crew(2, ExecutorKind.PROCESS, SLOW), campaign_id)
+    coordinator.work(WorkerSetup(2, ExecutorKind.PROCESS, SLOW), campaign_id)
     wait_for(lambda: n_done(coordinator.store) >= 3)
     pid = dispatcher_pid(coordinator)
     # Handed over by a pipe: no list of processes and no environment shows the token.
@@ -131,7 +131,7 @@ def test_an_admin_who_revokes_the_token_of_the_own_dispatcher_does_no_harm(tmp_p
     store = coordinator.store
     expected = undisturbed(tmp_path / "undisturbed", guesses=24)
     campaign_id = submitted(store, spec_fields(24))
-    coordinator.work(Crew(2, ExecutorKind.PROCESS, SLOW), campaign_id)
+    coordinator.work(WorkerSetup(2, ExecutorKind.PROCESS, SLOW), campaign_id)
     wait_for(lambda: n_done(store) >= 2)
     pid = dispatcher_pid(coordinator)
     (own,) = [token.name for token in store.identities.tokens() if token.name != "me"]
@@ -185,11 +185,13 @@ def test_another_version_and_a_token_for_something_else_are_refused_with_the_rea
         with Api(coordinator.url, token, timeout_s=120.0) as api:
             HttpSource(api).claim(ClaimRequest(worker=worker_info(**changes), n_jobs=1))
 
-    with pytest.raises(Refused, match=r"got 0\.0\.1\+other on Python .* install the coordinator's version"):
+    with pytest.raises(
+        RefusedError, match=r"got 0\.0\.1\+other on Python .* install the coordinator's version"
+    ):
         claim(Role.WORKER, code_version="0.0.1+other")
-    with pytest.raises(Refused, match="expected role worker, got viewer"):
+    with pytest.raises(RefusedError, match="expected role worker, got viewer"):
         claim(Role.VIEWER)
-    with pytest.raises(Refused, match="expected Bearer and a token, got none"):
+    with pytest.raises(RefusedError, match="expected Bearer and a token, got none"):
         claim(None)
 
 
@@ -201,7 +203,7 @@ def test_a_dispatcher_that_can_never_work_is_not_started_again():
 
 
 def test_a_dispatcher_that_cannot_be_started_is_tried_again_and_said_once(caplog):
-    faults = [WriteFault("archive x: expected room to write, got none; free some space")] * 2
+    faults = [WriteError("archive x: expected room to write, got none; free some space")] * 2
     faults += [OSError(errno.ENOMEM, "Cannot allocate memory")]
 
     def order():

@@ -16,7 +16,7 @@ from sqlalchemy.exc import IntegrityError, OperationalError, StatementError
 
 from service.db import sqlite as sqlite_file
 from service.db.engine import Database, Moment
-from service.db.errors import DatabaseError, WriteFault
+from service.db.errors import DatabaseError, WriteError
 from service.db.tables import CampaignRow, EventRow, Json, Vector
 
 DIALECT = sqlite.dialect()
@@ -144,7 +144,7 @@ def test_a_full_disk_is_named_and_everything_before_it_is_kept(database):
     database.write(big("first"))
     limit_pages(database, 5)
     with pytest.raises(
-        WriteFault, match="expected room to write, got database or disk is full; free some space"
+        WriteError, match="expected room to write, got database or disk is full; free some space"
     ):
         database.write(big("second"))
     assert names(database) == ["first"] and sqlite_file.integrity_faults(database.place) == []
@@ -158,7 +158,7 @@ def test_another_writer_that_does_not_end_is_named(database, monkeypatch):
     with database._writer.connect() as connection:
         connection.exec_driver_sql("PRAGMA busy_timeout = 50")
     other.execute("BEGIN IMMEDIATE")
-    with pytest.raises(WriteFault, match="expected to be the only writer, got database is locked"):
+    with pytest.raises(WriteError, match="expected to be the only writer, got database is locked"):
         database.write(lambda session: session.add(campaign()))
     other.execute("ROLLBACK")
     other.close()

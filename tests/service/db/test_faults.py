@@ -6,7 +6,7 @@ import psycopg
 import pytest
 from sqlalchemy import exc
 
-from service.db.errors import Unavailable, WriteFault, read_fault, write_fault
+from service.db.errors import UnavailableError, WriteError, read_fault, write_fault
 from service.db.postgres import may_pass
 
 PASSING = {
@@ -43,7 +43,7 @@ def of_sqlite(code):
 @pytest.mark.parametrize(("state", "expected"), PASSING.items())
 def test_what_may_pass_of_postgresql_is_told_with_what_helps(state, expected):
     read, write = read_fault("here", of_postgres(state)), write_fault("here", of_postgres(state))
-    assert type(read) is Unavailable and type(write) is WriteFault
+    assert type(read) is UnavailableError and type(write) is WriteError
     for fault in (read, write):
         assert str(fault).startswith(f"archive here: expected {expected}, got it says so; ")
 
@@ -62,8 +62,8 @@ def test_what_the_driver_refuses_by_itself_is_no_fault_of_the_server():
 # BUSY and its kin, LOCKED, out of memory, a read that failed, FULL.
 @pytest.mark.parametrize("code", [5, 5 | 2 << 8, 6, 7, 10 | 1 << 8, 13])
 def test_what_may_pass_of_sqlite_is_told(code):
-    assert type(read_fault("here", of_sqlite(code))) is Unavailable
-    assert type(write_fault("here", of_sqlite(code))) is WriteFault
+    assert type(read_fault("here", of_sqlite(code))) is UnavailableError
+    assert type(write_fault("here", of_sqlite(code))) is WriteError
 
 
 @pytest.mark.parametrize("code", [1, 19, 20])  # ERROR, CONSTRAINT, MISMATCH
@@ -73,7 +73,7 @@ def test_what_is_wrong_with_a_statement_is_no_fault_of_the_file(code):
 
 def test_a_pool_that_has_no_connection_left_is_busy_and_not_broken():
     fault = read_fault("here", exc.TimeoutError("QueuePool limit of size 5 overflow 10 reached"))
-    assert type(fault) is Unavailable and "expected a connection that is free" in str(fault)
+    assert type(fault) is UnavailableError and "expected a connection that is free" in str(fault)
 
 
 @pytest.mark.parametrize(

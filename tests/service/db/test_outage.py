@@ -11,10 +11,10 @@ from fastapi.testclient import TestClient
 
 from service.app import create_app
 from service.auth.network import Access
-from service.coordinator import Coordinator, Crew, coordinator
+from service.coordinator import Coordinator, WorkerSetup, coordinator
 from service.coordinator.coordinator import read_history
 from service.db.engine import database_url
-from service.db.errors import DatabaseError, Unavailable
+from service.db.errors import DatabaseError, UnavailableError
 from service.scheduler import LeaseSettings
 from service.schemas.identity import Role
 from service.settings import Settings
@@ -87,9 +87,9 @@ def away(own_postgres):
 def test_reads_and_writes_are_refused_until_the_server_is_back(store, away):
     away()
     for _ in range(2):  # connections that broke, and such as are refused
-        with pytest.raises(Unavailable, match="expected a server that answers"):
+        with pytest.raises(UnavailableError, match="expected a server that answers"):
             store.campaigns()
-        with pytest.raises(Unavailable, match="expected a server that answers"):
+        with pytest.raises(UnavailableError, match="expected a server that answers"):
             store.claim("w", 1)
     away.go_on()
     assert len(store.campaigns()) == 2 and len(store.claim("w", 1)) == 1
@@ -205,7 +205,7 @@ def test_outcomes_that_end_while_the_server_is_away_are_handed_in_and_nothing_ru
     outbox = tmp_path / "away" / "outbox"
     with Coordinator(tmp_path / "away", leases=leases) as running:
         campaign = submitted(running.store, spec_fields(40))
-        running.work(Crew(2, ExecutorKind.PROCESS, SLOW), campaign)
+        running.work(WorkerSetup(2, ExecutorKind.PROCESS, SLOW), campaign)
         wait_for(lambda: len(running.store.jobs(campaign, None, "done", 200).items) >= 2)
         away()
         # One at least is at work; whatever was between two jobs has none.

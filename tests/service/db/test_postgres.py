@@ -7,7 +7,7 @@ from sqlalchemy import text
 from sqlalchemy.exc import InternalError
 
 from service.db.engine import URL_VARIABLE, Database, database_url, place_of, shown
-from service.db.errors import DatabaseError, WriteFault
+from service.db.errors import DatabaseError, WriteError
 from service.db.tables import CampaignRow, EventRow
 from tests.service.databases import needs_postgres
 
@@ -101,7 +101,7 @@ def test_a_server_that_is_gone_is_named_without_its_password(postgres):
 def test_connections_that_broke_are_made_again(database):
     database.write(lambda s: s.add(campaign()))
     kill = text("SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE pid <> pg_backend_pid()")
-    with pytest.raises(WriteFault, match=r"expected a server that answers, got .*; start PostgreSQL"):
+    with pytest.raises(WriteError, match=r"expected a server that answers, got .*; start PostgreSQL"):
         database.write(lambda s: s.execute(text("SELECT pg_terminate_backend(pg_backend_pid())")))
     with database.read() as session:
         assert session.query(CampaignRow).count() == 1

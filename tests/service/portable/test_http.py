@@ -10,7 +10,7 @@ from service.api import campaigns
 from service.app import create_app
 from service.auth import network, request_limits
 from service.auth.request_limits import save_body
-from service.errors import BodyFault
+from service.errors import BodyError
 from tests.acceptance import known
 from tests.service.portable.made import everything
 from tests.service.portable.test_refused import FORGERIES, forged
@@ -123,13 +123,13 @@ def test_a_body_of_any_size_takes_no_more_memory_than_a_few_pieces(tmp_path):
 @pytest.mark.parametrize("messages", [[], [piece(b"PK")], [piece(b"PK"), {"type": "http.disconnect"}]])
 def test_a_body_that_stops_on_the_way_is_refused(tmp_path, monkeypatch, messages):
     monkeypatch.setattr(request_limits, "PATIENCE_S", 0.01)
-    with open(tmp_path / "body", "wb") as file, pytest.raises(BodyFault, match="its next piece") as raised:
+    with open(tmp_path / "body", "wb") as file, pytest.raises(BodyError, match="its next piece") as raised:
         anyio.run(save_body, received(messages), 2**30, file)
     assert raised.value.status == 408
 
 
 def test_a_disk_without_room_is_no_fault_of_ours():
-    with open("/dev/full", "wb", buffering=0) as file, pytest.raises(BodyFault, match="No space") as raised:
+    with open("/dev/full", "wb", buffering=0) as file, pytest.raises(BodyError, match="No space") as raised:
         anyio.run(save_body, received([piece(b"PK")]), 2**30, file)
     assert raised.value.status == 503
 

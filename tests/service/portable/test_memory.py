@@ -33,7 +33,7 @@ with Store(during) as store:
     Path("/proc/self/clear_refs").write_text("5")  # The largest so far counts no more.
     begin = mib("VmRSS")
     try:
-        take_in_file(store, file)
+        import_file(store, file)
     except PortableError as error:
         reason = str(error)
 print(json.dumps({"mib": mib("VmHWM") - begin, "reason": reason}))

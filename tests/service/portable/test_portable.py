@@ -13,7 +13,7 @@ from service.db.tables import Base
 from service.integrity.check import check
 from service.new_file import FileError
 from service.spec import spec_from
-from service.store.archive_files import take_in_file
+from service.store.archive_files import import_file
 from service.store.archive_io import (
     ATTEMPT_COLUMNS,
     CERTIFICATE_COLUMNS,
@@ -34,7 +34,7 @@ from workers.executor import Inline
 def test_another_archive_gets_the_same_hashes_solutions_and_seeds(origin, files, store):
     submitted(store, spec_fields(campaign={"name": "something else", "rng_seed": 1}))
     finish(store)
-    taken = take_in_file(store, files[0])
+    taken = import_file(store, files[0])
     assert (taken.campaign_id, taken.new_campaigns) == (2, ["known solutions"])
     assert found(store, 2) == found(origin, 1) and len(found(store, 2)) == 4
     assert store.spec_fields(2) == origin.spec_fields(1)
@@ -45,12 +45,12 @@ def test_another_archive_gets_the_same_hashes_solutions_and_seeds(origin, files,
 
 
 def test_what_was_taken_in_passes_the_check_of_the_archive(files, store):
-    take_in_file(store, files[1])
+    import_file(store, files[1])
     assert {entry.state for entry in check(place_of(store.folder))} == {"ok"}
 
 
 def test_campaigns_that_give_the_seeds_come_along(origin, files, store):
-    taken = take_in_file(store, files[1])
+    taken = import_file(store, files[1])
     assert taken.new_campaigns == ["known solutions", "later"]
     (record, *_), (same, *_) = (one.all_records(Filter(campaign=2)) for one in (store, origin))
     assert store.lineage(record.id) == origin.lineage(same.id)
@@ -59,11 +59,11 @@ def test_campaigns_that_give_the_seeds_come_along(origin, files, store):
 
 
 def test_a_second_time_nothing_is_new_and_what_is_there_is_not_touched(files, store):
-    take_in_file(store, files[0])
+    import_file(store, files[0])
     before = everything(store)
-    assert take_in_file(store, files[0])[1:] == ([], 0, 0, 0)
+    assert import_file(store, files[0])[1:] == ([], 0, 0, 0)
     assert everything(store) == before
-    assert take_in_file(store, files[1]).new_campaigns == ["later"]
+    assert import_file(store, files[1]).new_campaigns == ["later"]
 
 
 @pytest.mark.parametrize(
@@ -72,7 +72,7 @@ def test_a_second_time_nothing_is_new_and_what_is_there_is_not_touched(files, st
     indirect=True,
 )
 def test_exported_again_from_another_archive_it_is_the_same_file(origin, files, store, tmp_path):
-    take_in_file(store, files[1])
+    import_file(store, files[1])
     assert written(store, 2, tmp_path / "again.zip").read_bytes() == files[1].read_bytes()
     assert written(store, 1, tmp_path / "first.zip").read_bytes() == files[0].read_bytes()
     assert found(store, 2) == found(origin, 2)
@@ -87,7 +87,7 @@ def test_exported_again_from_another_archive_it_is_the_same_file(origin, files, 
 )
 def test_certificates_come_along_and_go_on_as_the_same_file(certified, store, tmp_path):
     origin, file = certified
-    assert take_in_file(store, file).n_certificates == 3
+    assert import_file(store, file).n_certificates == 3
     for solution_id in store.certificates.ids(Filter(campaign=1)):
         here, there = (one.certificates.latest(solution_id) for one in (store, origin))
         assert here == (there and there.model_copy(update={"is_from_elsewhere": True}))
@@ -97,7 +97,7 @@ def test_certificates_come_along_and_go_on_as_the_same_file(certified, store, tm
 
 def test_a_certificate_that_is_found_again_here_is_of_here(certified, store):
     origin, file = certified
-    take_in_file(store, file)
+    import_file(store, file)
     solution_id = next(one for one in store.certificates.ids(Filter()) if store.certificates.latest(one))
     assert store.certificates.latest(solution_id).is_from_elsewhere
     assert not store.certificates.add(certificate_on(origin, solution_id, 0.0), "here")
@@ -105,9 +105,9 @@ def test_a_certificate_that_is_found_again_here_is_of_here(certified, store):
 
 
 def test_certificates_made_later_reach_a_campaign_that_is_there(files, certified, store, tmp_path):
-    take_in_file(store, files[0])
-    assert take_in_file(store, certified[1])[1:] == ([], 0, 0, 3)
-    assert take_in_file(store, certified[1])[1:] == ([], 0, 0, 0)
+    import_file(store, files[0])
+    assert import_file(store, certified[1])[1:] == ([], 0, 0, 3)
+    assert import_file(store, certified[1])[1:] == ([], 0, 0, 0)
     assert written(store, 1, tmp_path / "again.zip").read_bytes() == certified[1].read_bytes()
 
 
@@ -182,7 +182,7 @@ def test_a_campaign_at_work_is_paused_first_and_goes_on_elsewhere(origin, store,
         work.step()
     file = written(store, 1, tmp_path / "paused.zip")
     with elsewhere(tmp_path) as other:
-        take_in_file(other, file)
+        import_file(other, file)
         other.control_campaign(1, "resume")
         work_to_the_end(other)
         assert {record.id for record in other.all_records(Filter())} == {
@@ -206,7 +206,7 @@ def test_the_kernel_of_a_target_travels_with_its_campaign(store, tmp_path):
     finish(store, Inline(run_in_vain))
     file = written(store, 1, tmp_path / "own.zip")
     with elsewhere(tmp_path) as other:
-        take_in_file(other, file)
+        import_file(other, file)
         (stored,) = rows(other, "SELECT spec FROM campaign")
         target = json.loads(stored[0])["problem"]["target"]
         digest = hashlib.blake2b(kernel.read_bytes(), digest_size=16).hexdigest()
@@ -230,5 +230,5 @@ def test_a_file_of_this_machine_is_not_read_for_somebody_elses_campaign(store, t
 
     with elsewhere(tmp_path) as other:
         with pytest.raises(PortableError, match="expected a kernel in the same file, got '/etc/passwd'"):
-            take_in_file(other, forged(file, tmp_path / "forged.zip", change, CAMPAIGN))
+            import_file(other, forged(file, tmp_path / "forged.zip", change, CAMPAIGN))
         assert not list((tmp_path / "elsewhere").glob("targets/*"))

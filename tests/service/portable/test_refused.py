@@ -9,7 +9,7 @@ import pytest
 from core.problem import content_hash
 from service.archive_format import container
 from service.archive_format.container import PortableError, Unpacked
-from service.store.archive_files import take_in_file
+from service.store.archive_files import import_file
 from tests.acceptance import known
 from tests.service.portable.made import everything
 
@@ -120,7 +120,7 @@ def test_a_certificate_that_cannot_be_so_is_refused(certified, store, tmp_path, 
     file = forged(certified[1], tmp_path / "forged.zip", change, "certificates.ndjson")
     before = everything(store)
     with pytest.raises(PortableError, match=reason):
-        take_in_file(store, file)
+        import_file(store, file)
     assert everything(store) == before
 
 
@@ -129,7 +129,7 @@ def test_what_somebody_has_written_into_it_is_refused(files, store, tmp_path, na
     file = forged(files[0], tmp_path / "forged.zip", change, name)
     before = everything(store)
     with pytest.raises(PortableError, match=reason):
-        take_in_file(store, file)
+        import_file(store, file)
     assert everything(store) == before
 
 
@@ -159,7 +159,7 @@ def test_half_a_file_and_other_files_are_refused(files, store, tmp_path):
         packed.writestr("readme", "hello")
     for name in ("half.zip", "text", "empty.zip", "none"):
         with pytest.raises(PortableError, match="expected a portable file of a campaign, got"):
-            take_in_file(store, tmp_path / name)
+            import_file(store, tmp_path / name)
 
 
 def changed_manifest(file, target, change, more=()):
@@ -191,7 +191,7 @@ def changed_manifest(file, target, change, more=()):
 def test_other_versions_and_strange_entries_are_refused(files, store, tmp_path, change, more, reason):
     file = changed_manifest(files[0], tmp_path / "strange.zip", change, more)
     with pytest.raises(PortableError, match=reason):
-        take_in_file(store, file)
+        import_file(store, file)
     assert sorted(entry.name for entry in tmp_path.iterdir() if not entry.name.startswith("coastarc")) == [
         "strange.zip"
     ]
@@ -208,7 +208,7 @@ def test_lines_without_end_are_refused(files, monkeypatch, store):
     monkeypatch.setattr(container, "MOST_LINE_BYTES", 100)
     monkeypatch.setattr(container, "_CHUNK", 50)
     with pytest.raises(PortableError, match="expected lines of at most 100 bytes"):
-        take_in_file(store, files[0])
+        import_file(store, files[0])
 
 
 @pytest.mark.parametrize(
@@ -222,13 +222,13 @@ def test_lines_without_end_are_refused(files, monkeypatch, store):
 def test_long_lists_are_refused_before_they_are_in_memory(files, monkeypatch, store, limit, reason):
     monkeypatch.setattr(container, limit, 1)
     with pytest.raises(PortableError, match=reason):
-        take_in_file(store, files[0])
+        import_file(store, files[0])
 
 
 def test_of_thousands_of_faults_only_the_number_is_told(files, store, tmp_path):
     file = forged(files[0], tmp_path / "forged.zip", on_first(x=2000 * [[]]), "solutions.ndjson")
     with pytest.raises(PortableError, match="expected SolutionLine, got 2000 faults"):
-        take_in_file(store, file)
+        import_file(store, file)
 
 
 def test_a_failure_on_the_way_leaves_nothing(files, store):
@@ -239,7 +239,7 @@ def test_a_failure_on_the_way_leaves_nothing(files, store):
 
     store._database.hook = fail
     with pytest.raises(RuntimeError, match="no more room"):
-        take_in_file(store, files[0])
+        import_file(store, files[0])
     store._database.hook = lambda moment: None
     assert everything(store) == before
 
@@ -249,5 +249,5 @@ def test_the_same_campaign_with_other_work_is_refused(files, store):
     store.control_campaign(1, "cancel")
     before = everything(store)
     with pytest.raises(PortableError, match="expected none here, or the same as in the file, got campaign 1"):
-        take_in_file(store, files[1])
+        import_file(store, files[1])
     assert everything(store) == before

@@ -17,7 +17,7 @@ from service.cli.options import console
 from service.cli.terminal import level_of
 from service.db.tables import SolutionRow
 from service.solutions import verification
-from service.solutions.verification import Asked, verify_solutions
+from service.solutions.verification import VerificationRequest, verify_solutions
 from service.spec import spec_from
 from service.store import Store
 from service.store.filters import Filter
@@ -39,7 +39,7 @@ def verified(tmp_path_factory):
         store.submit(spec_from(SMALL))
         finish(store, Inline(run_known))
         ids = store.certificates.ids(Filter())
-        items = list(verify_solutions(store, ids, Asked()))
+        items = list(verify_solutions(store, ids, VerificationRequest()))
     return folder, items
 
 
@@ -83,7 +83,9 @@ def test_a_certificate_hashes_its_content_and_names_what_it_was_made_with(archiv
 
 def test_two_processes_find_the_certificates_again_that_one_made_before(archive, verified):
     with Store(archive) as store:
-        items = list(verify_solutions(store, [item.solution_id for item in verified[1]], Asked(), 2))
+        items = list(
+            verify_solutions(store, [item.solution_id for item in verified[1]], VerificationRequest(), 2)
+        )
         first = store.certificates.latest(items[0].solution_id)
     assert {item.hash for item in items} == {item.hash for item in verified[1]}
     assert not any(item.is_new for item in items) and first.checked_at > first.made_at

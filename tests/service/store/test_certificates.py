@@ -6,7 +6,7 @@ import pytest
 from sqlalchemy import func, select
 
 from service.db.tables import CertificateRow
-from service.store import UnknownRow
+from service.store import UnknownRowError
 from service.store.filters import Filter
 from tests.api_examples import example_of
 from tests.service.campaigns import finish, submitted
@@ -75,7 +75,7 @@ def test_only_what_was_found_sound_at_its_level_on_the_same_basis_need_not_be_fl
 
 def test_what_does_not_exist_has_no_certificate_and_no_subject(store):
     for ask in (store.certificates.latest, store.certificates.subject):
-        with pytest.raises(UnknownRow, match="solution abc: expected one that exists"):
+        with pytest.raises(UnknownRowError, match="solution abc: expected one that exists"):
             ask("abc")
 
 

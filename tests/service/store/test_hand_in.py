@@ -7,7 +7,7 @@ import psutil
 import pytest
 from sqlalchemy import text
 
-from service.coordinator import Coordinator, Crew
+from service.coordinator import Coordinator, WorkerSetup
 from service.integrity.check import check
 from service.scheduler import LeaseSettings
 from service.store import Store, StoreError
@@ -17,9 +17,16 @@ from tests.service.coordinator.test_dispatch import wait_for
 from tests.service.databases import rows
 from tests.workers.fake import run_fake
 from workers.dispatch import ExecutorKind
-from workers.dispatcher import StaleAttempt
 from workers.executor import Ticket
-from workers.messages import ChainPart, ChainPlace, CompleteRequest, Ending, HandInRequest, JobOutcome
+from workers.messages import (
+    ChainPart,
+    ChainPlace,
+    CompleteRequest,
+    Ending,
+    HandInRequest,
+    JobOutcome,
+    StaleAttemptError,
+)
 
 N_HOPS = 10
 HANDING_IN = "tests.workers.fake:run_handing_in"
@@ -121,7 +128,7 @@ def test_a_part_that_comes_twice_or_late_changes_nothing(store, clock):
 def test_a_part_of_an_attempt_that_lost_its_job_is_stale(store, clock):
     claim = store.claim("a", 1)[0]
     again = claim_again(store, clock, claim)
-    with pytest.raises(StaleAttempt):
+    with pytest.raises(StaleAttemptError):
         store.hand_in(ticket(claim), part_of(claim, 0, 3))
     assert hops(store) == []
     assert store.hand_in(ticket(again), part_of(again, 0, 3)).next_hop == 3
@@ -190,7 +197,7 @@ def test_parts_come_by_http_like_every_report(store, client):
 def test_a_killed_worker_costs_a_hop_and_not_its_chain(tmp_path, expected):
     with Coordinator(tmp_path, leases=LeaseSettings(lease_s=60.0)) as running:
         campaign = submitted(running.store, fields())
-        running.work(Crew(2, ExecutorKind.PROCESS, HANDING_IN), campaign)
+        running.work(WorkerSetup(2, ExecutorKind.PROCESS, HANDING_IN), campaign)
         wait_for(lambda: 3 <= running.store.campaign(campaign).n_solves)
         for child in psutil.Process(dispatcher_pid(running)).children():
             os.kill(child.pid, signal.SIGKILL)

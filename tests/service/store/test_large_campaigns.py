@@ -11,7 +11,7 @@ from service.db.engine import Moment
 from service.db.tables import CaseRow, JobRow, ProblemRow, SearchRow
 from service.spec import spec_from
 from service.store import Store, planning
-from service.store.errors import KeyReused
+from service.store.errors import KeyReusedError
 from tests.service.campaigns import spec_fields, submitted
 from tests.workers.jobs import worker_info
 from workers.executor import Ticket
@@ -126,7 +126,7 @@ def test_a_key_means_the_campaign_while_it_is_planned(store):
     assert store.begin_campaign(spec, "key") == (1, True)
     assert store.unplanned() == [1]
     assert store.begin_campaign(spec, "key") == (1, False)
-    with pytest.raises(KeyReused):
+    with pytest.raises(KeyReusedError):
         store.begin_campaign(spec_from(spec_fields()), "key")
     assert {search.state for search in store.campaign(1).searches} == {"waiting"}
     store.plan_rest(1)

@@ -7,15 +7,14 @@ import pytest
 from service.db.transitions import TRANSITIONS, transition_triggers
 from service.scheduler import Share, in_turn
 from service.spec import spec_from
-from service.store import Store, StoreError, UnknownRow
+from service.store import Store, StoreError, UnknownRowError
 from service.store.completion import Report
-from service.store.errors import KeyReused, WorkerRefused, WrongState
+from service.store.errors import KeyReusedError, WorkerRefusedError, WrongStateError
 from tests.service.campaigns import content, spec_fields, submitted
 from tests.service.clock import Clock
 from tests.workers.fake import run_fake
-from workers.dispatcher import StaleAttempt
 from workers.executor import Ticket
-from workers.messages import Ending, HeldJob, JobOutcome, WorkerInfo, job_digest
+from workers.messages import Ending, HeldJob, JobOutcome, StaleAttemptError, WorkerInfo, job_digest
 from workers.provenance import code_version
 
 CRASH = JobOutcome(ending=Ending.CRASH)
@@ -168,9 +167,9 @@ def test_the_same_report_again_gets_the_same_answer_and_changes_nothing(store, c
 def test_reports_of_attempts_and_jobs_that_never_were_are_refused(store):
     submitted(store)
     claim = claim_one(store)
-    with pytest.raises(StaleAttempt, match="expected attempt 2 to hold it"):
+    with pytest.raises(StaleAttemptError, match="expected attempt 2 to hold it"):
         store.complete(Ticket(claim.job_id, 2), run_fake(claim.job))
-    with pytest.raises(UnknownRow, match="job 999"):
+    with pytest.raises(UnknownRowError, match="job 999"):
         store.complete(Ticket(999, 1), CRASH)
 
 
@@ -329,7 +328,7 @@ def test_a_cancelled_job_can_be_requeued_and_one_of_a_cancelled_search_cannot(st
     store.requeue_job(1)
     assert store.job(1).state == "queued"
     store.control_search(1, "s0", "cancel")
-    with pytest.raises(WrongState, match="search s0: expected a search that goes on"):
+    with pytest.raises(WrongStateError, match="search s0: expected a search that goes on"):
         store.requeue_job(1)
 
 
@@ -337,7 +336,7 @@ def test_a_job_is_not_requeued_beyond_the_budget_of_its_search(store):
     submitted(store, spec_fields(search=[{"id": "s0", "strategy": "S(0)", "solutions": 1}]))
     work(store)
     unused = next(job for job in store.jobs(1, None, "cancelled", 1).items)
-    with pytest.raises(WrongState, match="expected a budget that is not used up"):
+    with pytest.raises(WrongStateError, match="expected a budget that is not used up"):
         store.requeue_job(unused.id)
     assert store.job(unused.id).state == "cancelled"
 
@@ -368,7 +367,7 @@ def test_asking_for_what_is_so_changes_nothing(store):
 def test_what_cannot_be_from_a_state_is_refused(store, act, message):
     submitted(store)
     work(store)
-    with pytest.raises(WrongState, match=message):
+    with pytest.raises(WrongStateError, match=message):
         act(store)
 
 
@@ -380,7 +379,7 @@ def test_control_of_what_does_not_exist_is_refused(store):
         lambda: store.set_search(1, "s9", weight=2.0),
         lambda: store.cancel_job(999),
     ):
-        with pytest.raises(UnknownRow):
+        with pytest.raises(UnknownRowError):
             act()
 
 
@@ -480,7 +479,7 @@ def test_a_worker_is_listed_with_what_it_holds_until_it_falls_silent(store, cloc
 
 @pytest.mark.parametrize("change", [{"code_version": "0.0.1+0"}, {"python_version": "3.10.1"}])
 def test_a_worker_that_would_compute_something_else_is_refused_with_the_remedy(store, change):
-    with pytest.raises(WorkerRefused, match="install the coordinator's version where it runs"):
+    with pytest.raises(WorkerRefusedError, match="install the coordinator's version where it runs"):
         store.register(WORKER.model_copy(update=change))
     assert store.workers().items == []
 
@@ -489,7 +488,7 @@ def test_a_key_belongs_to_the_specification_that_came_with_it_first(store):
     spec = spec_from(spec_fields())
     assert store.submit(spec, "k1") == (1, True)
     assert store.submit(spec, "k1") == store.submit(spec, "k2") == (1, False)
-    with pytest.raises(KeyReused, match="idempotency key k1: expected the specification of campaign 1"):
+    with pytest.raises(KeyReusedError, match="idempotency key k1: expected the specification of campaign 1"):
         store.submit(spec_from(spec_fields(guesses=9)), "k1")
     assert len(store.campaigns()) == 1
 
@@ -522,7 +521,7 @@ def test_a_result_that_comes_after_somebody_else_has_begun_is_stale(store, clock
     store.reap()
     clock.advance(5.0)
     again = next(one for one in store.claim("b", 100) if one.job_id == claim.job_id)
-    with pytest.raises(StaleAttempt):
+    with pytest.raises(StaleAttemptError):
         store.complete(ticket(claim), run_fake(claim.job))
     assert store.complete(ticket(again), run_fake(again.job)).state == "done"
 
@@ -533,7 +532,7 @@ def test_what_is_no_result_does_not_take_a_job_out_of_the_queue(store, clock, en
     claim = claim_one(store)
     clock.advance(31.0)
     store.reap()
-    with pytest.raises(StaleAttempt):
+    with pytest.raises(StaleAttemptError):
         store.complete(ticket(claim), JobOutcome(ending=ending))
     assert store.job(claim.job_id).state == "queued"
 

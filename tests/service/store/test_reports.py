@@ -6,9 +6,8 @@ from tests.service.by_hand import work_off, worker_info
 from tests.service.campaigns import submitted
 from tests.service.databases import rows
 from tests.workers.fake import run_fake
-from workers.dispatcher import StaleAttempt
 from workers.executor import Ticket
-from workers.messages import CompleteManyRequest, CompleteRequest
+from workers.messages import CompleteManyRequest, CompleteRequest, StaleAttemptError
 
 
 def claimed(store, n_jobs):
@@ -48,7 +47,7 @@ def test_with_a_stale_report_among_them_none_is_stored(store):
     submitted(store)
     reports = claimed(store, 2)
     stale = (Ticket(reports[0][0].job_id, 7), reports[0][1])
-    with pytest.raises(StaleAttempt):
+    with pytest.raises(StaleAttemptError):
         store.complete_many([reports[1], stale])
     assert rows(store, "SELECT count(*) FROM solve") == [(0,)]
     assert [store.complete(*report).state for report in reports] == ["done", "done"]

@@ -13,9 +13,8 @@ from service.validation import solution_hash
 from tests.service.campaigns import OUTAGE, content, finish, spec_fields, submitted
 from tests.service.clock import Clock
 from tests.workers.fake import PROVENANCE, run_fake
-from workers.dispatcher import StaleAttempt
 from workers.executor import Ticket
-from workers.messages import Ending, JobOutcome, MapJob
+from workers.messages import Ending, JobOutcome, MapJob, StaleAttemptError
 from workers.process_pool import ProcessPool
 
 
@@ -102,11 +101,11 @@ def test_a_late_report_of_an_older_attempt_changes_nothing(store):
     store.recover()
     new = store.claim("b", 1)[0]
     assert (new.job_id, new.attempt) == (old.job_id, old.attempt + 1)
-    with pytest.raises(StaleAttempt, match="got a stale report"):
+    with pytest.raises(StaleAttemptError, match="got a stale report"):
         store.complete(Ticket(old.job_id, old.attempt), run_fake(old.job))
     assert rows(store, "SELECT count(*) FROM solve") == [(0,)]
     store.complete(Ticket(new.job_id, new.attempt), run_fake(new.job))
-    with pytest.raises(StaleAttempt):
+    with pytest.raises(StaleAttemptError):
         store.complete(Ticket(old.job_id, old.attempt), run_fake(old.job))
 
 
