@@ -27,8 +27,8 @@ from service.db.tables import (
 )
 from service.spec import Spec
 from service.spec.search_spec import SearchSpec
-from service.store import Store
 from service.store.events import noted
+from service.store.store import Store
 from service.validation import facts_of, figures, solution_hash
 from workers.messages import KIND_NUMBERS
 

@@ -16,7 +16,7 @@ from service.cli.options import Json
 from service.db.engine import URL_VARIABLE, place_of
 from service.report import write_report
 from service.spec import load_spec
-from service.store import Store
+from service.store.store import Store
 from workers.provenance import machine
 
 

@@ -19,8 +19,8 @@ from core.orbits import departure_state, target_kernel
 from core.problem import Problem, load_problem
 from core.verification.repropagation import MOON, Pilot
 from service.schemas.solution import RecordWithVector
-from service.store import Store
 from service.store.filters import filter_of
+from service.store.store import Store
 
 matplotlib.use("Agg")
 Array = NDArray[np.float64]

@@ -26,7 +26,7 @@ from service.auth.network import Access, access_on
 from service.auth.request_limits import HeavyWork
 from service.errors import REFUSALS, add_error_handlers
 from service.settings import Settings
-from service.store import Store
+from service.store.store import Store
 
 ROUTERS = (
     campaigns.router,

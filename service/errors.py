@@ -21,8 +21,7 @@ from service.archive_format.container import PortableConflictError, PortableErro
 from service.db.errors import UnavailableError, WriteError
 from service.schemas.answer import Fault
 from service.spec import SpecError
-from service.store import StoreError, UnknownRowError
-from service.store.errors import ConflictError, OtherClaimantError
+from service.store.errors import ConflictError, OtherClaimantError, StoreError, UnknownRowError
 from service.store.identity import RefusedTokenError
 from workers.messages import StaleAttemptError
 

@@ -52,7 +52,8 @@ from service.api.vector_files import vector_lines
 from service.schemas.answer import Answer, Check
 from service.spec.spec_text import toml_text
 from service.validation import solution_hash
-from workers.certify import CertificateContent, CertificateFile, certificate_of
+from workers.certificate import CertificateContent, CertificateFile
+from workers.certify import certificate_of
 from workers.measure_solves import Solution
 
 SET_FILE, TARGET_FILE = "set.toml", "target.bsp"

@@ -20,7 +20,7 @@ from service.auth.network import Access
 from service.schemas.identity import Role
 from service.solutions.verification import VerificationRequest, verify_solutions
 from service.spec.missed_thrust import analysis_spec, grid_of
-from service.store import Store
+from service.store.store import Store
 from tests.workers.jobs import worker_info
 from workers.messages import Claim, CompleteRequest, HandInRequest
 from workers.run import run_job

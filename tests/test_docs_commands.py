@@ -12,8 +12,8 @@ import typer
 
 from service import cli
 from service.spec import load_spec
-from service.store import Store
 from service.store.filters import filter_of
+from service.store.store import Store
 from tests.acceptance import known
 from tests.pages import PAGES, ROOT, blocks_of, commands_of, inline_commands_of, name_of, text_of
 

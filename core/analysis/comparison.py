@@ -13,16 +13,8 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from core.analysis.campaign_statistics import (
-    BY_STRATEGY,
-    Findings,
-    Level,
-    SolveFacts,
-    case_name,
-    grouped,
-    shared,
-    solutions,
-)
+from core.analysis.campaign_facts import Level, SolveFacts
+from core.analysis.campaign_statistics import BY_STRATEGY, Findings, case_name, grouped, shared, solutions
 from core.analysis.metrics import Ratio, Spread, feasibility_ratio, spread
 from core.tolerances import STRICT
 

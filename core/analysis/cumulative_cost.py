@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from math import nan
 from typing import Literal
 
-from core.analysis.campaign_statistics import Findings, Level, SolveFacts, cost_of, grouped, shared, solutions
+from core.analysis.campaign_facts import Level, SolveFacts
+from core.analysis.campaign_statistics import Findings, cost_of, grouped, shared, solutions
 from core.analysis.metrics import Estimate, Ratio, feasibility_ratio, product_ratio, propagated
 
 #: As spent, as allowed by the cap, or as the paper charges: fields of `campaign_statistics.Cost`.

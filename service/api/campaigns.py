@@ -17,8 +17,8 @@ from service.schemas.search import PriorityRequest, WeightRequest
 from service.solutions.export import ZIP
 from service.spec import spec_from
 from service.spec.spec_check import require_flyable
-from service.store import Store
 from service.store.archive_files import file_name, import_file, packed, pieces
+from service.store.store import Store
 
 router = APIRouter(tags=["campaigns"])
 

@@ -6,8 +6,8 @@ from fastapi import Depends, Path, Query, Request
 
 from service.auth.network import Access
 from service.auth.request_limits import HeavyWork
-from service.store import Store
 from service.store.identity import Identity
+from service.store.store import Store
 
 
 def _store(request: Request) -> Store:

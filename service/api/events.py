@@ -12,7 +12,7 @@ from starlette.concurrency import run_in_threadpool
 from service.api.context import After, CampaignWanted, Id, Limit, StoreHere
 from service.db.errors import UnavailableError
 from service.schemas.job import EventPage
-from service.store import Store
+from service.store.store import Store
 
 router = APIRouter(tags=["events"])
 

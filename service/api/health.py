@@ -17,8 +17,8 @@ from service.db.engine import CLASSES_S
 from service.db.errors import DatabaseError
 from service.db.tables import CAMPAIGN_STATES, ENDINGS, JOB_STATES
 from service.schemas.answer import Fault, Health
-from service.store import Store
 from service.store.statistics import Reading
+from service.store.store import Store
 
 router = APIRouter(tags=["health"])
 

@@ -19,8 +19,8 @@ from service.schemas.identity import (
     TokenRequest,
     TokenView,
 )
-from service.store import Store
 from service.store.identity import COOKIE, RefusedTokenError
+from service.store.store import Store
 
 router = APIRouter(tags=["session"])
 pages = APIRouter(include_in_schema=False)

@@ -17,7 +17,7 @@ from core.analysis.comparison import paired_changes
 from core.analysis.cumulative_cost import seed_chains
 from service.api.context import Id, StoreHere
 from service.schemas.search import MetricsRow, MetricsView
-from service.store import Store
+from service.store.store import Store
 
 router = APIRouter(tags=["campaigns"])
 

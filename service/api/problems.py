@@ -27,7 +27,7 @@ from service.schemas.problem import (
 from service.spec import Spec, problem_without_files
 from service.spec.spec_check import check_text, planned, require_flyable
 from service.spec.spec_text import spec_text
-from service.store import Store
+from service.store.store import Store
 
 router = APIRouter(tags=["problems"])
 

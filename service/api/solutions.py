@@ -34,9 +34,10 @@ from service.schemas.solution import (
 from service.solutions import export as solution_export
 from service.solutions.export import ALL, MEDIA, ZIP, ExportFormat, Wanted
 from service.solutions.missed_thrust import views_of
-from service.store import Store, UnknownRowError
+from service.store.errors import UnknownRowError
 from service.store.filters import Begin, Filter, Order, Sort
-from workers.certify import CertificateDocument
+from service.store.store import Store
+from workers.certificate import CertificateDocument
 
 
 def _filter(wanted: Annotated[Filter, Query()]) -> Filter:

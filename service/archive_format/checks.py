@@ -34,7 +34,7 @@ from service.validation import (
     require_solution,
     require_solve,
 )
-from workers.certify import CertificateContent
+from workers.certificate import CertificateContent
 from workers.messages import KIND_NUMBERS, Settings
 
 

@@ -56,8 +56,8 @@ from service.errors import (
     unrouted,
 )
 from service.schemas.identity import Role
-from service.store import Store
 from service.store.identity import COOKIE, OWNER, Identity, RefusedTokenError
+from service.store.store import Store
 
 #: Clients that are remembered; the one seen longest ago is forgotten first.
 MAX_CLIENTS = 10_000

@@ -21,7 +21,8 @@ from service.schemas.solution import MissedThrustView, Record
 from service.solutions.missed_thrust import views_of
 from service.spec import spec_from
 from service.spec.missed_thrust import USUAL_DURATIONS, analysis_spec, grid_of
-from service.store import Store, StoreError
+from service.store.errors import StoreError
+from service.store.store import Store
 from workers.dispatch import ExecutorKind
 
 analyse = typer.Typer(help="Find out what may happen to a solution.", no_args_is_help=True)

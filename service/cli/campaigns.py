@@ -27,8 +27,8 @@ from service.schemas.job import EventView, JobPage, JobView, WorkerPage, WorkerV
 from service.schemas.solution import SeedPage
 from service.spec.search_spec import SeedOrder
 from service.spec.spec import SeedChoices
-from service.store import Store
 from service.store.archive_files import file_name, import_file, portable
+from service.store.store import Store
 from workers.client import PASSING
 
 Campaign = Annotated[str, typer.Argument(help="Id or name of a campaign.")]

@@ -12,7 +12,7 @@ from core.errors import UserError
 from service.cli import terminal
 from service.cli.options import DATA, Data, Json, console, print_json
 from service.new_file import require_folder
-from service.store import Store
+from service.store.store import Store
 
 if TYPE_CHECKING:
     from service.report.paper.motivating import MotivatingView

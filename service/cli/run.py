@@ -37,7 +37,7 @@ from service.schemas.campaign import CampaignView
 from service.schemas.job import JobView
 from service.spec import load_spec
 from service.spec.spec_check import require_flyable
-from service.store import Store
+from service.store.store import Store
 from workers.dispatch import RUNNER, ExecutorKind
 
 Host = Annotated[str, typer.Option(help="Address to serve on; another than loopback asks for tokens.")]

@@ -52,8 +52,8 @@ from service.solutions.verification import (
     wanted_ids,
 )
 from service.spec.spec_check import require_flyable
-from service.store import Store
 from service.store.filters import Order, Sort, filter_of
+from service.store.store import Store
 from workers.dispatch import ExecutorKind
 from workers.messages import Job, JobOutcome
 

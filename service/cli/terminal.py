@@ -16,7 +16,7 @@ from service.schemas.job import JobView, WorkerView
 from service.schemas.search import SearchView
 from service.schemas.solution import Record, SeedPage
 from service.solutions.verification import Summary, Verified
-from workers.certify import CertificateDocument, CertifiedApproach, CertifiedThird, CertifiedTrajectory
+from workers.certificate import CertificateDocument, CertifiedApproach, CertifiedThird, CertifiedTrajectory
 
 SUMMARY_COLUMNS = ("search", "strategy", "solves", "paper, %", "strict, %", "found", "kg", "km/s", "CPU, s")
 

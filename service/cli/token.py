@@ -22,7 +22,7 @@ from service.coordinator.lock import FolderLock, LockError
 from service.db.errors import unusable
 from service.schemas.identity import NewToken, Role, TokenPage, TokenRequest, TokenView
 from service.settings import Settings
-from service.store import Store
+from service.store.store import Store
 
 token = typer.Typer(help="Make, list and revoke tokens.", no_args_is_help=True)
 

@@ -33,7 +33,7 @@ from service.db.errors import UnavailableError, WriteError, unusable
 from service.scheduler import LeaseSettings
 from service.schemas.identity import Role
 from service.settings import Settings
-from service.store import Store
+from service.store.store import Store
 from workers.dispatch import RUNNER, DispatchOrder, ExecutorKind
 from workers.patience import Outage
 

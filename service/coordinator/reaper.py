@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 
 from service.db.errors import UnavailableError
-from service.store import Store
+from service.store.store import Store
 
 log = logging.getLogger(__name__)
 

@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from core.analysis.campaign_statistics import SolveFacts, Summary, grouped, solutions
+from core.analysis.campaign_facts import SolveFacts
+from core.analysis.campaign_statistics import Summary, grouped, solutions
 from core.analysis.comparison import Comparison, PairedChange, compared, paired_change
 from core.analysis.cumulative_cost import Cumulative, seed_chains
 from core.analysis.metrics import Estimate

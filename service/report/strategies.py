@@ -4,11 +4,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+from core.analysis.campaign_facts import CampaignFacts, SolveFacts
 from core.analysis.campaign_statistics import (
-    CampaignFacts,
     Findings,
     SeedYield,
-    SolveFacts,
     Summary,
     case_name,
     cost_of,

@@ -8,7 +8,7 @@ from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
-from core.analysis.campaign_statistics import CampaignFacts
+from core.analysis.campaign_facts import CampaignFacts
 from service.report.costs import (
     changes_section,
     comparisons_section,

@@ -17,8 +17,8 @@ from core.analysis.missed_thrust import (
 from core.transcription import layout_of
 from service.schemas.campaign import CampaignView
 from service.schemas.solution import Map, MissedThrustView, SegmentRisk, SurvivabilityView
-from service.store import Store
 from service.store.solutions import MissedThrustAnalysis
+from service.store.store import Store
 
 
 def views_of(

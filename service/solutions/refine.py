@@ -16,8 +16,8 @@ from core.problem import ProblemError, problem_from
 from core.search import REFINED, refined_problem
 from service.schemas.solution import RecordInFull
 from service.spec import Spec, spec_from
-from service.store import Store
 from service.store.filters import Filter
+from service.store.store import Store
 
 
 class RefineError(UserError, ValueError):

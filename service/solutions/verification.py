@@ -18,10 +18,10 @@ from pydantic import BaseModel
 
 from core.errors import UserError
 from core.verification.certificate import lowest_passages
-from service.store import Store
 from service.store.filters import Filter
 from service.store.solutions import Subject
-from workers.certify import CertificateDocument
+from service.store.store import Store
+from workers.certificate import CertificateDocument
 
 #: How trustworthy a level is.
 RANKS = {"none": 0, "paper": 1, "strict": 2}

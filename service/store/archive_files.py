@@ -10,8 +10,8 @@ from typing import BinaryIO
 
 from service.archive_format.container import Unpacked, pack
 from service.archive_format.reading import read_all, unpack_targets
-from service.store import Store
 from service.store.archive_io import ImportResult
+from service.store.store import Store
 
 _PIECE = 2**20
 #: A file that is refused takes the kernels it brought away again: no other may have begun to use them.

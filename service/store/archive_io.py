@@ -45,7 +45,7 @@ from service.store.errors import UnknownRowError
 from service.store.events import note
 from service.store.planning import add_cases
 from service.store.solutions import ELSEWHERE
-from workers.certify import CertificateContent
+from workers.certificate import CertificateContent
 
 #: Rows that are in memory at once, and ids that one query names.
 CHUNK, AT_ONCE = 2000, 500

@@ -6,17 +6,19 @@ What never changes once it is stored, kept in memory under the hash that names i
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from sqlalchemy.orm import Session
 
 from core.problem import problem_from
-from core.transcription import Layout
 from service.db.tables import CampaignRow, ProblemRow, SearchRow
 from service.spec import Spec, spec_from
 from service.spec.search_spec import SearchSpec
 from service.store.errors import UnknownRowError
-from service.validation import ProblemFacts, facts_of
+
+if TYPE_CHECKING:
+    from core.transcription import Layout
+    from service.validation import ProblemFacts
 
 T = TypeVar("T")
 
@@ -46,7 +48,7 @@ class Cache(Generic[T]):
 
 _specs: Cache[Spec] = Cache(64)
 _definitions: Cache[dict[str, Any]] = Cache(512)
-_facts: Cache[ProblemFacts] = Cache(512)
+_facts: "Cache[ProblemFacts]" = Cache(512)
 
 
 def spec_of(campaign: CampaignRow) -> Spec:
@@ -73,13 +75,16 @@ def definition_of(session: Session, problem_hash: str) -> dict[str, Any]:
     return _definitions.get(problem_hash, lambda: session.get_one(ProblemRow, problem_hash).definition)
 
 
-def facts_of_problem(session: Session, problem_hash: str) -> ProblemFacts:
+def facts_of_problem(session: Session, problem_hash: str) -> "ProblemFacts":
     """Return what the figures of a problem's solutions follow from."""
+    # Imported here, since it needs the numerics and those who only read specifications do not.
+    from service.validation import facts_of
+
     return _facts.get(
         problem_hash, lambda: facts_of(problem_from(definition_of(session, problem_hash)), problem_hash)
     )
 
 
-def layout_of_problem(session: Session, problem_hash: str) -> Layout:
+def layout_of_problem(session: Session, problem_hash: str) -> "Layout":
     """Return where everything is in the decision vector of a problem."""
     return facts_of_problem(session, problem_hash).layout

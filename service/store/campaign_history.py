@@ -21,20 +21,23 @@ from numpy.typing import NDArray
 from sqlalchemy import bindparam, case, func, select
 from sqlalchemy.orm import Session
 
-from core.analysis.metrics import feasibility_ratio
+from service import scheduler
 from service.db.engine import Database
 from service.db.tables import CampaignRow, JobRow, SearchRow, SolutionRow, SolveRow
 from service.schemas.campaign import (
     BoxView,
+    CampaignCard,
     ChainView,
     HistoryView,
     OutcomeBinsView,
+    Outcomes,
     StepView,
     StrategyView,
 )
-from service.schemas.search import RatioView
 from service.store.cache import search_spec
+from service.store.campaigns import Numbers, campaigns_in_numbers, eta_seconds, item_fields, ratio_view
 from service.store.errors import UnknownRowError
+from service.store.statistics import summed
 
 #: Feasible at the strict tolerance, at the paper's alone, or not, and then why not.
 OUTCOMES = ("strict", "paper", "infeasible", "timeout", "numerical")
@@ -361,12 +364,6 @@ def _place(one: StrategyHistory) -> tuple[int, int]:
     return one.k, -1 if one.seed_k is None else one.seed_k
 
 
-def ratio_view(n: int, n_solves: int) -> RatioView:
-    """Return a share of solves with its interval; its value is None while there are no solves."""
-    ratio = feasibility_ratio(n, n_solves)
-    return RatioView(value=ratio.value if n_solves else None, low=ratio.low, high=ratio.high)
-
-
 def _strategy(name: str, one: StrategyHistory) -> StrategyView:
     n_solves, n_strict = int(one.outcomes.sum()), int(one.outcomes[0])
     n_paper = n_strict + int(one.outcomes[1])
@@ -445,3 +442,60 @@ def _box(k: int, strategy: str, duration_days: float | None, ordered: Any, most:
         greatest_km_s=greatest,
         sample_km_s=[ordered[place] for place in _places(len(ordered), most)],
     )
+
+
+#: Moments of a sparkline.
+N_MOMENTS = 60
+
+
+def campaign_cards(session: Session, known: HistoryCache, now: float, limit: int = 200) -> list[CampaignCard]:
+    """Return the campaigns, the newest first."""
+    return [
+        _card(campaign, numbers, known.history(campaign), now)
+        for campaign, numbers in campaigns_in_numbers(session, limit)
+    ]
+
+
+def _card(campaign: CampaignRow, numbers: Sequence[Numbers], history: History, now: float) -> CampaignCard:
+    end = campaign.finished_at or now
+    planned = [scheduler.n_planned(search_spec(campaign, one.row), one.row.n_planned) for one in numbers]
+    rate = history.rate_per_min(end)
+    return CampaignCard(
+        **item_fields(campaign, numbers),
+        outcomes=_outcomes(numbers),
+        n_guesses_planned=_sum(planned),
+        n_searches=len(numbers),
+        strategies=list(dict.fromkeys(one.row.strategy for one in numbers)),
+        rate_per_min=rate,
+        eta_seconds=eta_seconds(campaign, numbers, planned, rate),
+        elapsed_seconds=end - campaign.created_at,
+        cpu_seconds=sum(one.row.cpu_seconds for one in numbers),
+        sparkline_km_s=sparkline(history.steps, campaign.created_at, end),
+        n_read=history.n_solves,
+    )
+
+
+def _outcomes(numbers: Sequence[Numbers]) -> Outcomes:
+    """Return how solves ended, from what is counted as they are stored."""
+    levels = summed(one.tallies.get("level", {}) for one in numbers)
+    endings = summed(one.tallies.get("solve", {}) for one in numbers)
+    n_strict, n_paper = levels.get("strict", 0), levels.get("paper", 0)
+    odd = {name: endings.get(name, 0) for name in ("timeout", "numerical")}
+    n_rest = sum(endings.values()) - n_paper - sum(odd.values())
+    return Outcomes(strict=n_strict, paper=n_paper - n_strict, infeasible=n_rest, **odd)
+
+
+def _sum(planned: Sequence[int | None]) -> int | None:
+    known = [number for number in planned if number is not None]
+    return sum(known) if len(known) == len(planned) else None
+
+
+def sparkline(steps: Sequence[Step], begin: float, end: float) -> list[float | None]:
+    """Return the best delta-v at moments from begin to end, None before the first solution."""
+    if not steps:
+        return []
+    moments = np.linspace(begin, end, N_MOMENTS)
+    places = np.searchsorted([step.at for step in steps], moments, side="right") - 1
+    # What was stored in the very moment of the end is known then.
+    places[-1] = len(steps) - 1
+    return [steps[place].delta_v_km_s if place >= 0 else None for place in places]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from sqlalchemy import not_, or_, select
 from sqlalchemy.orm import Session
 
-from core.analysis.campaign_statistics import CampaignFacts
+from core.analysis.campaign_facts import CampaignFacts
 from core.problem import Problem, problem_from
 from service.db.engine import Database
 from service.db.tables import (
@@ -40,7 +40,7 @@ from service.store.cache import spec_of
 from service.store.errors import StoreError, UnknownRowError
 from service.store.filters import Begin, Filter, Order, Wanted, ids_of_page
 from service.store.statistics import campaign_facts
-from workers.certify import CertificateContent, CertificateDocument
+from workers.certificate import CertificateContent, CertificateDocument
 
 #: The basis of a certificate that was taken in from another installation, until it is found again here.
 ELSEWHERE = ""

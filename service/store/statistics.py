@@ -25,7 +25,7 @@ from typing import Any
 from sqlalchemy import ColumnElement, bindparam, case, func, literal_column, select, text, true
 from sqlalchemy.orm import Session
 
-from core.analysis.campaign_statistics import CampaignFacts, SolveFacts
+from core.analysis.campaign_facts import CampaignFacts, SolveFacts
 from service.db.dialect import INSERTS, VERSION_TABLE, counted, plain, read_version
 from service.db.engine import Database
 from service.db.errors import DatabaseError

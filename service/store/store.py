@@ -4,27 +4,24 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from sqlalchemy.orm import Session
 
-from core.analysis.campaign_statistics import CampaignFacts
+from core.analysis.campaign_facts import CampaignFacts
 from core.problem import Problem
 from service.archive_format.container import Entry
 from service.archive_format.reading import ReadFile
-from service.db.engine import Database, place_of
-from service.db.postgres import server_time
 from service.scheduler import LeaseSettings
-from service.schemas.campaign import CampaignCard, CampaignItem, CampaignView, HistoryView
-from service.schemas.job import EventView, JobPage, JobView, WorkerPage
+from service.schemas.campaign import CampaignCard, HistoryView
+from service.schemas.job import EventView, JobView
 from service.schemas.problem import ProblemFamily, ProblemPage, ProblemView
 from service.schemas.solution import (
     ChoicesView,
     ClusterPage,
     LineageGraph,
     PointsView,
-    RecordInFull,
     RecordPage,
     RecordWithVector,
     Reproduction,
@@ -38,6 +35,7 @@ from service.store import (
     campaigns,
     claims,
     completion,
+    control,
     events,
     filters,
     jobs,
@@ -47,16 +45,17 @@ from service.store import (
     scatter,
     solutions,
     statistics,
+    workers,
 )
+from service.store.archive import Archive
 from service.store.archive_io import ImportResult
 from service.store.cache import spec_fields, spec_of
 from service.store.campaign_history import HistoryCache
-from service.store.campaigns import Verb
+from service.store.control import Verb
 from service.store.filters import Begin, Filter, Order
 from service.store.identity import Identities
 from service.store.jobs import Activity
 from service.store.seeds import family, seeds_of_problem, seeds_of_search
-from service.store.solutions import Certificates
 from service.store.statistics import OperatorMetrics, require_writable
 from workers.executor import Ticket
 from workers.messages import (
@@ -68,14 +67,13 @@ from workers.messages import (
     JobOutcome,
     WorkerInfo,
 )
-from workers.patience import Outage
 
 #: Between two pieces of one piece of work, so that who waits for the lock of writers gets it [s].
 TURN_S = 0.005
 
 
-class Store:
-    """Campaigns, jobs and solutions in one data folder."""
+class Store(Archive):
+    """Campaigns, jobs and solutions in one data folder: all that may be asked of them and done to them."""
 
     def __init__(
         self,
@@ -85,38 +83,12 @@ class Store:
         clock: Callable[[], float] | None = None,
         leases: LeaseSettings = LeaseSettings(),  # noqa: B008
     ) -> None:
-        self.folder = folder
-        self.leases = leases
-        place = place_of(folder)
-        self._database = Database(place, read_only=read_only)
-        self._clock = clock or time.time
-        # Several coordinators on one database must mean the same by a moment, whatever their machines say.
-        self._is_clock_shared = clock is None and not isinstance(place, Path)
-        self._ahead_s = 0.0
+        super().__init__(folder, read_only=read_only, clock=clock, leases=leases)
         #: What operators watch.
         self.gauges = OperatorMetrics(self._database, self._about_now, leases.lease_s)
         #: Searches hop by hop, attempts and the queue.
         self.activity = Activity(self._database, self._about_now, leases)
-        #: What independent flights certify.
-        self.certificates = Certificates(self._database)
         self._histories = HistoryCache(self._database)
-
-    def __enter__(self) -> Self:
-        """Give the store; it is closed at the end of the block."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Close the archive."""
-        self.close()
-
-    def close(self) -> None:
-        """Close the archive."""
-        self._database.close()
-
-    @property
-    def outage(self) -> Outage:
-        """What is said of an archive that cannot be used for a while."""
-        return self._database.outage
 
     # What changes the archive.
 
@@ -168,7 +140,7 @@ class Store:
 
     def register(self, worker: WorkerInfo) -> None:
         """Store what a worker says about itself; one that would compute something else is refused."""
-        self._database.write(lambda session: leases.register(session, worker, self._now(session)))
+        self._database.write(lambda session: workers.register(session, worker, self._now(session)))
 
     def claim(
         self, worker: WorkerInfo | str, n_jobs: int, campaign: int | None = None, by: str | None = None
@@ -249,41 +221,39 @@ class Store:
 
     def revive(self, campaign_id: int) -> int:
         """Put back the jobs of a campaign that were given up; return how many."""
-        return self._database.write(
-            lambda session: campaigns.revive(session, campaign_id, self._now(session))
-        )
+        return self._database.write(lambda session: control.revive(session, campaign_id, self._now(session)))
 
     def control_campaign(self, campaign_id: int, verb: Verb) -> None:
         """Pause, resume or cancel a campaign."""
         self._database.write(
-            lambda session: campaigns.control_campaign(session, campaign_id, verb, self._now(session))
+            lambda session: control.control_campaign(session, campaign_id, verb, self._now(session))
         )
 
     def control_search(self, campaign_id: int, search: str, verb: Verb) -> None:
         """Pause, resume or cancel a search."""
         self._database.write(
-            lambda session: campaigns.control_search(session, campaign_id, search, verb, self._now(session))
+            lambda session: control.control_search(session, campaign_id, search, verb, self._now(session))
         )
 
     def set_campaign(self, campaign_id: int, *, priority: int) -> None:
         """Change the priority of a campaign; lower goes first."""
-        self._database.write(lambda session: campaigns.set_campaign(session, campaign_id, priority))
+        self._database.write(lambda session: control.set_campaign(session, campaign_id, priority))
 
     def set_search(
         self, campaign_id: int, search: str, *, weight: float | None = None, priority: int | None = None
     ) -> None:
         """Change how large a part of the workers a search gets, or when it gets it."""
         self._database.write(
-            lambda session: campaigns.set_search(session, campaign_id, search, weight, priority)
+            lambda session: control.set_search(session, campaign_id, search, weight, priority)
         )
 
     def cancel_job(self, job_id: int) -> None:
         """Cancel a job that is queued, or have one stopped that runs."""
-        self._database.write(lambda session: campaigns.cancel_job(session, job_id, self._now(session)))
+        self._database.write(lambda session: control.cancel_job(session, job_id, self._now(session)))
 
     def requeue_job(self, job_id: int) -> None:
         """Give a dead or cancelled job another attempt."""
-        self._database.write(lambda session: campaigns.requeue_job(session, job_id, self._now(session)))
+        self._database.write(lambda session: control.requeue_job(session, job_id, self._now(session)))
 
     def import_campaigns(self, read: ReadFile) -> ImportResult:
         """Store the campaigns of a portable file that are not there yet, in one transaction."""
@@ -299,11 +269,6 @@ class Store:
             chain = archive_io.chain_of_campaigns(session, campaign_id)
             take(chain[-1].spec_hash, archive_io.entries(session, chain))
 
-    def campaigns(self) -> list[CampaignItem]:
-        """Return the campaigns, the newest first."""
-        with self._database.read() as session:
-            return campaigns.list_campaigns(session)
-
     def read_history(self) -> bool:
         """Read a piece of what cards and histories of campaigns tell of; return whether more may be left."""
         return self._histories.read_on()
@@ -311,7 +276,9 @@ class Store:
     def campaign_cards(self) -> list[CampaignCard]:
         """Return the campaigns with how far they are and what they have found, the newest first."""
         now = self._about_now()
-        return self._histories.ask(lambda session, known: campaigns.campaign_cards(session, known, now))
+        return self._histories.ask(
+            lambda session, known: campaign_history.campaign_cards(session, known, now)
+        )
 
     def campaign_history(self, campaign_id: int) -> HistoryView:
         """Return how a campaign came to what it has found."""
@@ -324,16 +291,6 @@ class Store:
         with self._database.read() as session:
             return spec_fields(session, campaign_id)
 
-    def campaign(self, campaign_id: int) -> CampaignView:
-        """Return a campaign with its searches."""
-        with self._database.read() as session:
-            return campaigns.get_campaign(session, campaign_id, self._now(session))
-
-    def campaign_state(self, campaign_id: int) -> str:
-        """Return the state of a campaign alone."""
-        with self._database.read() as session:
-            return filters.campaign_state(session, campaign_id)
-
     def campaign_facts(self, campaign_id: int, most_vectors: int | None = None) -> CampaignFacts:
         """Return the facts behind the metrics of a campaign, without its vectors if there are more."""
         with self._database.read() as session:
@@ -343,11 +300,6 @@ class Store:
         """Return how many solves a campaign has made."""
         with self._database.read() as session:
             return statistics.n_solves(session, campaign_id)
-
-    def find_campaign(self, name_or_id: str) -> int:
-        """Return the campaign of an id, or the newest of a name."""
-        with self._database.read() as session:
-            return filters.find_campaign(session, name_or_id)
 
     def records(
         self,
@@ -359,16 +311,6 @@ class Store:
         """Return a page of solutions."""
         with self._database.read() as session:
             return solutions.list_records(session, wanted, order, begin, limit)
-
-    def all_records(
-        self,
-        wanted: Filter,
-        limit: int | None = None,
-        order: Order = Order(),  # noqa: B008
-    ) -> list[RecordWithVector]:
-        """Return the solutions of a filter with their vectors, all or the first so many."""
-        with self._database.read() as session:
-            return solutions.all_records(session, wanted, order, limit)
 
     def points(self, wanted: Filter, most: int) -> PointsView:
         """Return the solutions of a filter as points, at most so many of them."""
@@ -395,16 +337,6 @@ class Store:
             if len(page) < size:
                 return
             after = page[-1].id
-
-    def record(self, solution_id: str) -> RecordInFull:
-        """Return a solution."""
-        with self._database.read() as session:
-            return solutions.get_record(session, solution_id)
-
-    def find_solution(self, prefix: str) -> str:
-        """Return the id that begins with a prefix."""
-        with self._database.read() as session:
-            return solutions.find_id(session, prefix)
 
     def definition_and_vector(self, solution_id: str) -> tuple[dict[str, Any], np.ndarray[Any, Any]]:
         """Return the problem of a solution as plain data, and its vector."""
@@ -443,13 +375,6 @@ class Store:
         with self._database.read() as session:
             return family(session, problem_hash)
 
-    def jobs(
-        self, campaign: int | None, search: str | None, state: str | None, limit: int, after: int = 0
-    ) -> JobPage:
-        """Return a page of jobs."""
-        with self._database.read() as session:
-            return jobs.list_jobs(session, campaign, search, state, limit, after)
-
     def job(self, job_id: int) -> JobView:
         """Return a job."""
         with self._database.read() as session:
@@ -471,11 +396,6 @@ class Store:
         with self._database.read() as session:
             return seeds_of_problem(session, problem_hash, outages, seed_k, wanted)
 
-    def workers(self) -> WorkerPage:
-        """Return the workers that have registered, with the jobs that they hold."""
-        with self._database.read() as session:
-            return leases.list_workers(session, self._now(session), self.leases.lease_s)
-
     def events(self, after: int, campaign: int | None = None, limit: int = 200) -> list[EventView]:
         """Return the events that follow an id."""
         with self._database.read() as session:
@@ -490,13 +410,6 @@ class Store:
         """Raise unless the archive takes a write and is of this version."""
         self._database.write(require_writable)
 
-    def _now(self, session: Session) -> float:
-        return server_time(session) if self._is_clock_shared else self._clock()
-
-    def _about_now(self) -> float:
-        """Return the same without a question, as good as it was when it was last asked for."""
-        return self._clock() + (self._ahead_s if self._is_clock_shared else 0.0)
-
     @property
     def identities(self) -> Identities:
         """Return who may use the archive, and who did what."""
@@ -507,5 +420,5 @@ def _registered(session: Session, worker: WorkerInfo | str, now: float) -> str:
     """Store what a worker says about itself, where it does, in the transaction of what it asks for."""
     if isinstance(worker, str):
         return worker
-    leases.register(session, worker, now)
+    workers.register(session, worker, now)
     return worker.name

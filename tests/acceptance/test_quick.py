@@ -14,7 +14,8 @@ from core.problem import load_problem
 from service.db.errors import DatabaseError
 from service.spec import load_spec
 from service.spec.spec_check import require_flyable
-from service.store import Store, UnknownRowError
+from service.store.errors import UnknownRowError
+from service.store.store import Store
 from workers.process_tree import single_threaded
 
 pytestmark = pytest.mark.slow

@@ -5,7 +5,7 @@ import numpy as np
 from benchmarks.archive import fill
 from benchmarks.report import main
 from service.spec import spec_from
-from service.store import Store
+from service.store.store import Store
 from tests.service.campaigns import spec_fields
 
 

@@ -7,7 +7,7 @@ import typer
 from benchmarks.load import as_json, outcome
 from benchmarks.probe import percentile_ms
 from benchmarks.service import main
-from service.store import Store
+from service.store.store import Store
 from tests.service.campaigns import submitted
 from workers.executor import Ticket
 from workers.messages import JobOutcome

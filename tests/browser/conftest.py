@@ -16,7 +16,7 @@ from playwright import sync_api
 from service.auth.network import access_on
 from service.coordinator import WebServer, open_port
 from service.settings import Settings
-from service.store import Store
+from service.store.store import Store
 from tests.acceptance import known
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)

@@ -13,7 +13,7 @@ from tests.acceptance import known
 from tests.api_examples import example_of
 from tests.browser.conftest import SCREENS
 from tests.service.campaigns import finish
-from workers.certify import CertificateDocument
+from workers.certificate import CertificateDocument
 
 PRESET = load_problem("ppe-drm3")
 

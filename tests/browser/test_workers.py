@@ -8,7 +8,7 @@ from service.auth.network import access_on
 from service.coordinator import WebServer, open_port
 from service.schemas.identity import Role
 from service.settings import Settings
-from service.store import Store
+from service.store.store import Store
 from tests.browser import hopping
 from tests.browser.conftest import SCREENS, serving
 from tests.service.by_hand import worker_info

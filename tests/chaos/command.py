@@ -7,7 +7,7 @@ import os
 import sys
 
 from service import scheduler
-from service.store import Store
+from service.store.store import Store
 from tests.service import fake_coastarc
 from workers.messages import StaleAttemptError
 

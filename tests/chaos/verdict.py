@@ -10,7 +10,7 @@ from typing import Any
 from service.db.engine import place_of
 from service.integrity.check import check
 from service.spec import spec_from
-from service.store import Store
+from service.store.store import Store
 from tests.service.campaigns import content, finish
 
 #: Columns that may differ between two runs: row numbers, times, and who did it at which attempt.

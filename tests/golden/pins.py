@@ -26,8 +26,8 @@ from service.cli import app_of
 from service.db.dialect import mixed
 from service.db.upgrade import upgrade
 from service.spec import load_spec, spec_from
-from service.store import Store
 from service.store.filters import Filter
+from service.store.store import Store
 from service.validation import solution_hash
 from tests.acceptance import known
 from tests.service.campaigns import finish, spec_fields, submitted

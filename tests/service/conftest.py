@@ -2,7 +2,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from service.app import create_app
-from service.store import Store
+from service.store.store import Store
 from tests.acceptance import known
 from tests.service.campaigns import finish
 from tests.service.databases import (  # noqa: F401 - fixtures

@@ -141,7 +141,7 @@ def archives_on_postgres(new_database, monkeypatch):
             places[folder] = new_database()
         return places[folder]
 
-    monkeypatch.setattr("service.store.store.place_of", place_of)
+    monkeypatch.setattr("service.store.archive.place_of", place_of)
 
 
 def rows(store, query):

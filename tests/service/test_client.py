@@ -11,8 +11,8 @@ from service.app import create_app
 from service.client import ROUTES, Client, ClientError
 from service.coordinator import Coordinator
 from service.spec.spec import SeedChoices
-from service.store import Store
 from service.store.solutions import Filter
+from service.store.store import Store
 from tests.service.campaigns import finish, spec_fields, submitted
 from tests.workers.jobs import worker_info
 from workers.client import Api, HttpSource

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from core.analysis.campaign_statistics import CampaignFacts, SolveFacts
+from core.analysis.campaign_facts import CampaignFacts, SolveFacts
 from core.problem import load_problem
 
 PROBLEM = load_problem("ppe-drm3")

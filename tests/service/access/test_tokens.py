@@ -10,7 +10,7 @@ from service.auth.network import Access
 from service.auth.rights import ANYONE, QUESTIONS, RIGHTS, least
 from service.schemas.identity import Role
 from service.settings import Settings
-from service.store import Store, StoreError, UnknownRowError
+from service.store.errors import StoreError, UnknownRowError
 from service.store.identity import (
     COOKIE,
     SESSION_S,
@@ -20,6 +20,7 @@ from service.store.identity import (
     new_secret,
     taken_apart,
 )
+from service.store.store import Store
 from tests.api_examples import example_of
 from tests.service.campaigns import spec_fields
 from tests.service.routes import lines_of

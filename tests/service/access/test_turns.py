@@ -10,7 +10,7 @@ import pytest
 from service.auth import guard
 from service.auth.network import Access
 from service.coordinator import WebServer, open_port
-from service.store import Store
+from service.store.store import Store
 from tests.service.campaigns import submitted
 from tests.workers.jobs import worker_info
 

@@ -9,7 +9,7 @@ from fastapi.testclient import TestClient
 from service.app import create_app
 from service.auth.network import Access
 from service.solutions.export import ExportFormat
-from service.store import Store
+from service.store.store import Store
 from tests.service.databases import rows
 from tests.service.kinds import every_kind
 from tests.workers.jobs import worker_info

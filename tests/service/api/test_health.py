@@ -5,7 +5,7 @@ import pytest
 from service.api import health
 from service.db.engine import Moment
 from service.db.errors import DatabaseError
-from service.store import Store
+from service.store.store import Store
 from tests.service.by_hand import worker_info
 from tests.service.clock import Clock
 from tests.service.databases import needs_postgres, rows

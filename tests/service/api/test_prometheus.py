@@ -5,7 +5,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from service.app import create_app
 from service.auth.network import Access
 from service.schemas.identity import Role
-from service.store import Store
+from service.store.store import Store
 from tests.service.by_hand import work_off, worker_info
 from tests.service.campaigns import submitted
 from tests.service.clock import Clock

@@ -18,8 +18,8 @@ from service.auth.network import Access
 from service.dashboard.assets import VIEWS
 from service.schemas.identity import Role
 from service.settings import Settings
-from service.store import Store
 from service.store.solutions import Filter
+from service.store.store import Store
 from tests.service.campaigns import finish, spec_fields, submitted
 from tests.service.routes import lines_of
 from tests.workers.jobs import worker_info

@@ -12,7 +12,7 @@ from service import client as people
 from service.app import create_app
 from service.cli.options import console
 from service.coordinator import Coordinator
-from service.store import Store
+from service.store.store import Store
 from tests.acceptance import known
 from tests.service.campaigns import submitted
 

@@ -16,7 +16,7 @@ from service.cli.options import console
 from service.coordinator import Coordinator
 from service.db.errors import DatabaseError
 from service.spec import spec_from
-from service.store import Store
+from service.store.store import Store
 from tests.service.campaigns import SPIRAL, content, finish, spec_fields, submitted
 
 #: What is over in a second takes a busy machine longer.

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from service import cli
-from service.store import Store
+from service.store.store import Store
 from tests.service.campaigns import submitted
 
 QUICK = (Path(__file__).parents[3] / "examples" / "quick.toml").read_text(encoding="utf-8")

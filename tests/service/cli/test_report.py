@@ -5,7 +5,7 @@ import pytest
 
 from service import cli
 from service.cli.report import folder_name
-from service.store import Store
+from service.store.store import Store
 from tests.service.campaigns import finish, spec_fields, submitted
 
 

@@ -7,7 +7,7 @@ import pytest
 from service import cli
 from service.coordinator import Coordinator
 from service.schemas.identity import Role
-from service.store import Store
+from service.store.store import Store
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ from service.coordinator.supervisor import Supervisor
 from service.db.errors import WriteError
 from service.scheduler import LeaseSettings
 from service.schemas.identity import Role
-from service.store import Store
+from service.store.store import Store
 from tests.service.campaigns import content, dispatcher_pid, finish, spec_fields, submitted
 from tests.service.databases import rows
 from tests.service.fake_coastarc import LEASE

@@ -10,7 +10,7 @@ import psutil
 import pytest
 
 from service.client import Client
-from service.store import Store
+from service.store.store import Store
 from tests.service.campaigns import content, spec_fields
 from tests.service.coordinator.test_dispatch import undisturbed, wait_for
 from tests.service.databases import rows

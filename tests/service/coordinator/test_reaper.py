@@ -5,7 +5,7 @@ from sqlalchemy.exc import OperationalError
 
 from service.coordinator.reaper import Reaper
 from service.scheduler import LeaseSettings, backoff_s
-from service.store import Store
+from service.store.store import Store
 from tests.service.campaigns import submitted
 from tests.service.clock import Clock
 from tests.service.databases import rows

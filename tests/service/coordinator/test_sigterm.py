@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from service.store import Store
+from service.store.store import Store
 from tests.service.campaigns import spec_fields, submitted
 
 #: As many as one client may have.

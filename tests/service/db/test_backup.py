@@ -14,7 +14,7 @@ from service.db.errors import DatabaseError
 from service.db.tables import SCHEMA_VERSION, EventRow
 from service.db.upgrade import version_of
 from service.integrity.check import check
-from service.store import Store
+from service.store.store import Store
 from tests.service.campaigns import content, finish, submitted
 from tests.service.databases import needs_postgres
 from tests.service.db.test_migrations import stored, table_contents

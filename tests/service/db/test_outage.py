@@ -18,7 +18,7 @@ from service.db.errors import DatabaseError, UnavailableError
 from service.scheduler import LeaseSettings
 from service.schemas.identity import Role
 from service.settings import Settings
-from service.store import Store
+from service.store.store import Store
 from tests.api_examples import example_of
 from tests.service.api.test_schema import OPERATIONS
 from tests.service.campaigns import content, dispatcher_pid, finish, spec_fields, submitted
@@ -52,7 +52,7 @@ def expected(tmp_path):
 @pytest.fixture
 def url(own_postgres, monkeypatch):
     found = database_url(own_postgres.address(own_postgres.take()))
-    monkeypatch.setattr("service.store.store.place_of", lambda folder: found)
+    monkeypatch.setattr("service.store.archive.place_of", lambda folder: found)
     return found
 
 
@@ -179,7 +179,7 @@ def test_a_server_that_refuses_the_name_of_the_database_is_not_waited_for(
     own_postgres, tmp_path, monkeypatch
 ):
     place = database_url(own_postgres.address("none"))
-    monkeypatch.setattr("service.store.store.place_of", lambda folder: place)
+    monkeypatch.setattr("service.store.archive.place_of", lambda folder: place)
     with pytest.raises(DatabaseError, match='"none" does not exist'), Coordinator(tmp_path):
         pass
 

@@ -14,8 +14,8 @@ from service.db import postgres as postgres_side
 from service.db.backup import backup, restore
 from service.integrity.check import check
 from service.integrity.repair import repair
-from service.store import Store
 from service.store.filters import Filter
+from service.store.store import Store
 from tests.service.campaigns import finish, spec_fields, submitted
 from tests.service.databases import needs_postgres
 from tests.service.db.test_migrations import table_contents

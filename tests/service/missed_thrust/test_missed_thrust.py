@@ -14,8 +14,8 @@ from service.solutions.missed_thrust import views_of
 from service.spec import SpecError, spec_from
 from service.spec.missed_thrust import GridError, analysis_spec, grid_of
 from service.spec.spec_check import planned
-from service.store import Store
 from service.store.filters import Filter
+from service.store.store import Store
 from tests.acceptance import known
 from tests.service.campaigns import dispatcher_on, finish, submitted
 from tests.service.databases import needs_postgres

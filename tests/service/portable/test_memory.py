@@ -20,7 +20,7 @@ from service.archive_format.container import Unpacked
 from service.archive_format.container import PortableError
 from service.store.archive_files import take_in_file
 from service.archive_format.reading import read_all
-from service.store import Store
+from service.store.store import Store
 
 def mib(name):
     lines = dict(line.split(":") for line in Path("/proc/self/status").read_text().splitlines())

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from core.analysis.campaign_statistics import CampaignFacts, SolveFacts
+from core.analysis.campaign_facts import CampaignFacts, SolveFacts
 from core.analysis.metrics import Estimate
 from core.problem import load_problem
 from service.report import tables_as_json, write_report

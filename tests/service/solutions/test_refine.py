@@ -17,8 +17,8 @@ from service.solutions.refine import (
 )
 from service.spec import SpecError, spec_from
 from service.spec.spec import SeedChoices
-from service.store import Store
 from service.store.filters import Filter
+from service.store.store import Store
 from tests.acceptance.known import SPEC, run_known
 from tests.service.campaigns import finish, spec_fields, submitted
 from workers.executor import Inline

@@ -8,8 +8,8 @@ from typer.testing import CliRunner
 from service.cli import app_of
 from service.cli import solutions as cli_reproduce
 from service.solutions.reproduce import reproduce, verdict
-from service.store import Store
 from service.store.filters import Filter
+from service.store.store import Store
 from tests.acceptance.known import SPEC, VECTORS
 from tests.service.campaigns import dispatcher_on, finish, spec_fields, submitted
 from tests.workers.fake import PROVENANCE, run_fake

@@ -19,8 +19,8 @@ from service.db.tables import SolutionRow
 from service.solutions import verification
 from service.solutions.verification import VerificationRequest, verify_solutions
 from service.spec import spec_from
-from service.store import Store
 from service.store.filters import Filter
+from service.store.store import Store
 from tests.acceptance.known import OUTAGE, SPEC, run_known
 from tests.service.campaigns import finish, spec_fields
 from workers.executor import Inline

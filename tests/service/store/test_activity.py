@@ -9,9 +9,9 @@ from fastapi.testclient import TestClient
 from core.search import Chain, HopSettings
 from service.app import create_app
 from service.spec import spec_from
-from service.store import Store
 from service.store.jobs import Activity
 from service.store.searches import widths
+from service.store.store import Store
 from tests.core.search.test_hopping import SMALL, outcome
 from tests.service.by_hand import work_off, worker_info
 from tests.service.campaigns import OUTAGE, spec_fields, submitted

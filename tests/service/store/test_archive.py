@@ -5,9 +5,10 @@ import pytest
 from fastapi.testclient import TestClient
 
 from service.app import create_app
-from service.store import Store, scatter
+from service.store import scatter
 from service.store.filters import RANGES, Filter, Order
 from service.store.scatter import front
+from service.store.store import Store
 from tests.service.campaigns import finish, spec_fields, submitted
 from tests.service.databases import needs_postgres
 from tests.workers.fake import run_fake

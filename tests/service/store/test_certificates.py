@@ -6,12 +6,12 @@ import pytest
 from sqlalchemy import func, select
 
 from service.db.tables import CertificateRow
-from service.store import UnknownRowError
+from service.store.errors import UnknownRowError
 from service.store.filters import Filter
 from tests.api_examples import example_of
 from tests.service.campaigns import finish, submitted
 from tests.service.databases import needs_postgres
-from workers.certify import CertificateDocument
+from workers.certificate import CertificateDocument
 
 KINDS = ["sqlite", pytest.param("postgresql", marks=needs_postgres)]
 EXAMPLE = example_of(CertificateDocument)

@@ -10,7 +10,8 @@ from sqlalchemy import text
 from service.coordinator import Coordinator, WorkerSetup
 from service.integrity.check import check
 from service.scheduler import LeaseSettings
-from service.store import Store, StoreError
+from service.store.errors import StoreError
+from service.store.store import Store
 from tests.service.campaigns import content, dispatcher_pid, finish, spec_fields, submitted
 from tests.service.clock import Clock
 from tests.service.coordinator.test_dispatch import wait_for

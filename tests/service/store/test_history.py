@@ -7,9 +7,9 @@ import pytest
 
 from service.coordinator.coordinator import read_history
 from service.spec import spec_from
-from service.store import Store, campaign_history
-from service.store.campaign_history import MOST_BINS, OutcomeBins, Step
-from service.store.campaigns import sparkline
+from service.store import campaign_history
+from service.store.campaign_history import MOST_BINS, OutcomeBins, Step, sparkline
+from service.store.store import Store
 from tests.service.campaigns import dispatcher_on, finish, spec_fields
 from tests.workers.fake import run_fake
 from workers.executor import Inline

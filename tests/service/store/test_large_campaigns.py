@@ -10,8 +10,9 @@ from service.coordinator.coordinator import finish_planning
 from service.db.engine import Moment
 from service.db.tables import CaseRow, JobRow, ProblemRow, SearchRow
 from service.spec import spec_from
-from service.store import Store, planning
+from service.store import planning
 from service.store.errors import KeyReusedError
+from service.store.store import Store
 from tests.service.campaigns import spec_fields, submitted
 from tests.workers.jobs import worker_info
 from workers.executor import Ticket

@@ -7,9 +7,15 @@ import pytest
 from service.db.transitions import TRANSITIONS, transition_triggers
 from service.scheduler import Share, in_turn
 from service.spec import spec_from
-from service.store import Store, StoreError, UnknownRowError
 from service.store.completion import Report
-from service.store.errors import KeyReusedError, WorkerRefusedError, WrongStateError
+from service.store.errors import (
+    KeyReusedError,
+    StoreError,
+    UnknownRowError,
+    WorkerRefusedError,
+    WrongStateError,
+)
+from service.store.store import Store
 from tests.service.campaigns import content, spec_fields, submitted
 from tests.service.clock import Clock
 from tests.workers.fake import run_fake

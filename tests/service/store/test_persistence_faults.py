@@ -19,7 +19,7 @@ from service.client import Client, ClientError
 from service.coordinator import Coordinator
 from service.db.engine import Moment
 from service.scheduler import LeaseSettings
-from service.store import Store
+from service.store.store import Store
 from tests.service.by_hand import worker_info
 from tests.service.campaigns import content, finish, spec_fields, submitted
 from tests.service.coordinator.test_dispatch import start, undisturbed, wait_for  # noqa: F401 - a fixture

@@ -2,7 +2,7 @@
 
 import pytest
 
-from service.store import Store
+from service.store.store import Store
 from tests.service.clock import Clock
 from tests.service.databases import needs_postgres, rows
 from tests.service.store import test_lifecycle as contract

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from service.store import Store
+from service.store.store import Store
 from tests.service.campaigns import submitted
 from tests.service.databases import needs_postgres, rows
 from tests.service.store import test_seeds_elsewhere, test_store

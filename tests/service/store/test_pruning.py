@@ -4,7 +4,8 @@ import pytest
 
 from service.coordinator.reaper import Reaper
 from service.schemas.identity import Role
-from service.store import Store, leases
+from service.store import leases
+from service.store.store import Store
 from tests.service.campaigns import finish, submitted
 from tests.service.clock import Clock
 from tests.service.databases import needs_postgres

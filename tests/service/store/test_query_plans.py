@@ -8,8 +8,8 @@ from sqlalchemy import event
 
 from service.app import create_app
 from service.auth.network import Access
-from service.store import Store
 from service.store.filters import Filter
+from service.store.store import Store
 from tests.service.campaigns import finish, submitted
 
 ADDRESSES = (

@@ -3,7 +3,7 @@
 import pytest
 
 from service.spec import SpecError
-from service.store import StoreError
+from service.store.errors import StoreError
 from tests.service.campaigns import OUTAGE, finish, spec_fields, submitted
 from tests.workers.fake import PROVENANCE, record
 from workers.executor import Inline

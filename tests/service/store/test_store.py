@@ -7,8 +7,8 @@ import pytest
 from core.problem import problem_from
 from service import scheduler
 from service.spec import spec_from
-from service.store import Store
 from service.store.solutions import Filter
+from service.store.store import Store
 from service.validation import solution_hash
 from tests.service.campaigns import OUTAGE, content, finish, spec_fields, submitted
 from tests.service.clock import Clock

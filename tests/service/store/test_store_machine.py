@@ -16,8 +16,8 @@ from hypothesis.stateful import Bundle, RuleBasedStateMachine, initialize, invar
 from service.db.dialect import TALLIES
 from service.db.transitions import TRANSITIONS
 from service.spec import spec_from
-from service.store import Store
 from service.store.errors import WrongStateError
+from service.store.store import Store
 from tests.service.campaigns import OUTAGE, spec_fields
 from tests.service.clock import Clock
 from tests.workers.fake import run_fake
