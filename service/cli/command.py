@@ -6,7 +6,8 @@ A command is imported when it is typed: all of them take seconds, many of them m
 import re
 import signal
 import sys
-from collections.abc import Container
+from collections.abc import Container, Mapping
+from copy import copy
 from importlib import import_module
 from typing import Annotated, Any
 
@@ -81,24 +82,24 @@ COMMANDS = {
         "Work for a coordinator, here or elsewhere, until interrupted; several may work for one.",
     ),
     "status": (
-        "service.cli.campaigns:status",
+        "service.cli.status:status",
         "Show campaigns, workers and dead jobs, or one campaign with its searches.",
     ),
     "watch": (
-        "service.cli.campaigns:watch",
+        "service.cli.control:watch",
         "Follow a campaign until it ends; with --json as one event a line.",
     ),
     "pause": (
-        "service.cli.campaigns:pause",
+        "service.cli.control:pause",
         "Hand out no more jobs of a campaign or of one search; those that run finish.",
     ),
-    "resume": ("service.cli.campaigns:resume", "Let a paused campaign, or one search of it, go on."),
+    "resume": ("service.cli.control:resume", "Let a paused campaign, or one search of it, go on."),
     "cancel": (
-        "service.cli.campaigns:cancel",
+        "service.cli.control:cancel",
         "End a campaign, or one search of it, for good; running solves are stopped, results are kept.",
     ),
     "share": (
-        "service.cli.campaigns:share",
+        "service.cli.control:share",
         "Change when a campaign or one search of it gets workers, and how large a part of them.",
     ),
     "solutions": ("service.cli.solutions:solutions", "Look at solutions, find them again, take them away."),
@@ -130,25 +131,34 @@ COMMANDS = {
 _COMPUTING = {"run", "serve", "dispatch", "solutions", "analyse", "benchmark", "example", "bench"}
 
 
-def app_of(typed: Container[str] = COMMANDS) -> typer.Typer:
-    """Return the command line; a command that was not typed is there for the help alone."""
+def app_of(typed: Container[str] | None = None) -> typer.Typer:
+    """Return the command line; where words were typed, other commands are there for the help alone."""
     app = typer.Typer(
         no_args_is_help=True,
         add_completion=False,
         pretty_exceptions_enable=False,
     )
     app.callback()(_options)
-    for name, (place, summary) in COMMANDS.items():
-        if name not in typed:
+    _add_commands(app, COMMANDS, typed)
+    return app
+
+
+def _add_commands(
+    app: typer.Typer, commands: Mapping[str, tuple[str, str]], typed: Container[str] | None
+) -> None:
+    for name, (place, summary) in commands.items():
+        if typed is not None and name not in typed:
             app.command(name, help=summary)(_not_typed)
             continue
         module, _, attribute = place.partition(":")
         command = getattr(import_module(module), attribute)
         if isinstance(command, typer.Typer):
-            app.add_typer(command, name=name)
+            group = copy(command)
+            group.registered_commands = list(command.registered_commands)
+            _add_commands(group, getattr(import_module(module), "LATER", {}), typed)
+            app.add_typer(group, name=name)
         else:
             app.command(name)(command)
-    return app
 
 
 def _print_version(is_asked: bool) -> None:
@@ -186,7 +196,7 @@ def main() -> None:
         if set(sys.argv[1:2]) & _COMPUTING and (note := cache_note()):
             warn(note)
         # Not by itself: what was typed wrongly is told in one line too.
-        sys.exit(app_of(sys.argv[1:2])(prog_name="coastarc", standalone_mode=False) or 0)
+        sys.exit(app_of(sys.argv[1:3])(prog_name="coastarc", standalone_mode=False) or 0)
     except typer.TyperException as error:
         if line := fault_line(error):
             complain(line)

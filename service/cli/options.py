@@ -4,7 +4,7 @@ import json
 import os
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from platformdirs import user_data_path
@@ -13,8 +13,10 @@ from rich.console import Console
 from rich.table import Table
 
 from core.plain_data import read_text
-from service.client import Client
 from service.settings import Settings, SettingsError
+
+if TYPE_CHECKING:
+    from service.client import Client
 
 DEFAULT_PORT = 8741
 DEFAULT_URL = f"http://127.0.0.1:{DEFAULT_PORT}"
@@ -36,8 +38,11 @@ MaybeUrl = Annotated[
 console = Console(width=None if sys.stdout.isatty() else 140)
 
 
-def client_of(url: str) -> Client:
+def client_of(url: str) -> "Client":
     """Return a client with the token of the environment."""
+    # Imported here: who reads an archive needs no HTTP.
+    from service.client import Client
+
     return Client(url, token_of(None))
 
 

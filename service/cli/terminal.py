@@ -2,8 +2,9 @@
 
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime, timedelta
+from math import hypot
+from typing import TYPE_CHECKING
 
-import numpy as np
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -15,8 +16,10 @@ from service.schemas.campaign import CampaignItem, CampaignView
 from service.schemas.job import JobView, WorkerView
 from service.schemas.search import SearchView
 from service.schemas.solution import Record, SeedPage
-from service.solutions.verification import Summary, Verified
 from workers.certificate import CertificateDocument, CertifiedApproach, CertifiedThird, CertifiedTrajectory
+
+if TYPE_CHECKING:
+    from service.solutions.verification import Summary, Verified
 
 SUMMARY_COLUMNS = ("search", "strategy", "solves", "paper, %", "strict, %", "found", "kg", "km/s", "CPU, s")
 
@@ -243,17 +246,17 @@ def _defects(record: Record) -> Table:
 
 
 def _norms(row: list[float]) -> list[float]:
-    return [float(np.linalg.norm(row[part])) for part in PARTS.values()]
+    return [hypot(*row[part]) for part in PARTS.values()]
 
 
-def verify_progress_line(items: Sequence[Verified], n: int, gone_s: float) -> str:
+def verify_progress_line(items: "Sequence[Verified]", n: int, gone_s: float) -> str:
     """Return how far a verification is."""
     n_failed = sum(not item.is_good for item in items)
     left = timedelta(seconds=round(gone_s / len(items) * (n - len(items))))
     return f"{len(items)} of {n} verified, {n_failed} failed, {gone_s / len(items):.1f} s each, {left} left"
 
 
-def verified_list(items: Sequence[Verified]) -> Table:
+def verified_list(items: "Sequence[Verified]") -> Table:
     """Return one row per solution."""
     rows = table("solution", "level", "good", "arrival miss, km", "Earth, km", "Moon, km", "certificate")
     for item in items:
@@ -265,7 +268,7 @@ def verified_list(items: Sequence[Verified]) -> Table:
     return rows
 
 
-def summary_line(summary: Summary) -> str:
+def summary_line(summary: "Summary") -> str:
     """Return what a verification came to."""
     misses = sorted(item.arrival_miss_km for item in summary.items if item.arrival_miss_km is not None)
     parts = [f"{summary.n_verified} verified, {summary.n_failed} failed"]

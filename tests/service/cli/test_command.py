@@ -1,8 +1,10 @@
 """The command line as a whole: what its help says without importing the commands, and its version."""
 
+import shutil
 import subprocess
 import sys
 from importlib.metadata import version
+from pathlib import Path
 
 import pytest
 import typer
@@ -10,6 +12,7 @@ import typer
 from service.cli import app_of
 from service.cli.command import COMMANDS
 
+ARCHIVE = Path(__file__).parents[1] / "data" / "archive-7.sqlite"
 REAL = typer.main.get_command(app_of()).commands
 NAMED = typer.main.get_command(app_of(())).commands
 
@@ -45,3 +48,18 @@ def test_the_version_is_that_of_the_package():
 def test_a_word_that_is_nearly_a_command_is_asked_about():
     code, printed = coastarc("statsu")
     assert code == 2 and "did you mean 'status'" in printed
+
+
+@pytest.mark.parametrize("words", [("status",), ("solutions", "list")])
+def test_lists_of_an_archive_need_no_numerics_and_no_server(words, tmp_path):
+    shutil.copy(ARCHIVE, tmp_path / "coastarc.db")
+    typed = ["coastarc", *words, "--data", str(tmp_path)]
+    heavy = ("numba", "spiceypy", "alembic", "fastapi", "httpx")
+    program = (
+        f"import sys; from service.cli import main; sys.argv = {typed}\n"
+        "try: main()\n"
+        "except SystemExit as end: assert not end.code\n"
+        f"print([name for name in {heavy} if name in sys.modules])"
+    )
+    ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert ran.stdout.splitlines()[-1] == "[]", ran.stderr

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from service import cli
-from service.cli import campaigns
+from service.cli import control
 from service.cli.options import console
 from service.client import ClientError
 from service.coordinator import Coordinator
@@ -106,7 +106,7 @@ class Breaking:
 
 
 def test_each_event_is_told_once_where_a_stream_breaks():
-    assert [one.id for one in campaigns.events_of(Breaking(), 1)] == [1, 2, 3]
+    assert [one.id for one in control.events_of(Breaking(), 1)] == [1, 2, 3]
 
 
 def test_seeds_are_shown_for_a_search_and_for_a_problem(coastarc, coordinator):
