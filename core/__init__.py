@@ -35,16 +35,34 @@ __all__ = [
     "verify",
 ]
 
-_MODULES = ("problem", "orbits", "transcription", "nlp", "search", "verification.verify")
+_HOMES = {
+    "ExitStatus": "nlp.outcome",
+    "Guess": "transcription",
+    "Outcome": "nlp.outcome",
+    "Problem": "problem",
+    "ProblemError": "problem",
+    "SolveSettings": "nlp.outcome",
+    "Transcription": "transcription",
+    "Verification": "verification.verify",
+    "load_problem": "problem",
+    "map_seed": "search",
+    "problem_from": "problem",
+    "sample_guess": "search",
+    "solve": "nlp",
+    "solve_recovery": "search",
+    "solve_seed": "search",
+    "target_kernel": "orbits",
+    "transcribe": "transcription",
+    "verify": "verification.verify",
+}
 
 
 def __getattr__(name: str) -> Any:
-    if name in __all__:
-        for module in _MODULES:
-            found = import_module(f"core.{module}")
-            if name in getattr(found, "__all__", vars(found)):
-                return getattr(found, name)
-    raise AttributeError(f"module 'core' has no attribute {name!r}")
+    if name not in _HOMES:
+        raise AttributeError(f"module 'core' has no attribute {name!r}")
+    found = getattr(import_module(f"core.{_HOMES[name]}"), name)
+    globals()[name] = found
+    return found
 
 
 def __dir__() -> list[str]:

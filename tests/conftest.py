@@ -19,8 +19,10 @@ os.environ.update(single_threaded(os.environ))
 from tests.ray_clusters import nodes
 
 COMPILE = (
-    "from core import load_problem\nfrom workers.messages import Settings\nfrom workers.run import warmed\n"
-    "warmed(load_problem('ppe-drm3').model_dump(mode='json'), Settings())"
+    "from core import load_problem\n"
+    "from workers.messages import Settings\n"
+    "from workers.run import precompiled\n"
+    "precompiled(load_problem('ppe-drm3').model_dump(mode='json'), Settings())"
 )
 # A busy machine takes its time, and no example is judged by it.
 hypothesis.settings.register_profile("tests", deadline=None)

@@ -78,3 +78,20 @@ def test_an_example_that_the_service_offers_too_is_kept_once(name):
     offered = ROOT / "service" / "spec" / "templates" / f"{name}.toml"
     assert (ROOT / "examples" / offered.name).resolve() == offered
     assert not offered.is_symlink()
+
+
+@pytest.mark.parametrize(
+    ("asked", "spared"),
+    [
+        ("verify", ("core.nlp", "core.search", "core.transcription.evaluate")),
+        ("Problem", ("core.nlp", "core.search", "core.orbits", "numba")),
+        ("SolveSettings", ("core.search",)),
+    ],
+)
+def test_who_asks_core_for_one_thing_imports_only_what_it_needs(asked, spared):
+    code = (
+        f"import core, sys; from core import {asked}; assert '{asked}' in vars(core), 'asked again'\n"
+        "print(*sys.modules)"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not set(ran.stdout.split()) & set(spared)

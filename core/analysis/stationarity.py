@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from core.transcription import STATE_SCALE, Transcription, checked_vector
+from core.transcription import FINE_TOLERANCE, STATE_SCALE, Transcription, checked_vector
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -24,8 +24,6 @@ OPTIMAL = 1e-6
 #: Share of a bound's width within which a variable counts as lying at it.
 AT_BOUND = 1e-6
 
-#: Tolerance of the integrator for the Jacobian.
-FINE_TOLERANCE = 1e-12
 
 # Singular values below this share of the largest are rounding.
 _RANK = 1e-14

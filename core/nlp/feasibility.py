@@ -5,13 +5,9 @@ from numpy.typing import NDArray
 
 from core.nlp.outcome import ExitStatus, Limits, Outcome
 from core.tolerances import violation
-from core.transcription import Transcription
+from core.transcription import FINE_TOLERANCE, Transcription
 
 Array = NDArray[np.float64]
-
-#: Tolerance of the integrator when a solution is closed and judged: over 90 days the default one is off by
-#: up to a kilometre, this one by metres.
-FINE_TOLERANCE = 1e-12
 
 # Another integrator must agree that the point is feasible, so defects are closed well below the tolerance.
 _WELL_CLOSED, _TOO_FAR = 0.01, 1e4

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.nlp.descent import ThrustVectors, close, is_solved, reach, starts, tighten
-from core.nlp.feasibility import FINE_TOLERANCE, close_finely, is_feasible
+from core.nlp.feasibility import close_finely, is_feasible
 from core.nlp.outcome import Limits
 from core.problem import Problem
-from core.transcription import Guess, OutageProfile, Transcription, checked_vector, transcribe
+from core.transcription import FINE_TOLERANCE, Guess, OutageProfile, Transcription, checked_vector, transcribe
 
 Array = NDArray[np.float64]
 

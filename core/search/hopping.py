@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from core.nlp import Outcome
 from core.search.guess_laws import sample_guess
-from core.search.settings import LEARNING_RATE, SUCCESS_SHARE, HopSettings, draw_steps
+from core.search.settings import HopSettings, draw_steps
 from core.transcription import Transcription
 
 Array = NDArray[np.float64]
@@ -181,7 +181,7 @@ class Chain:
         """Take the outcome of the last guess and return "accepted", "rejected" or "restarted"."""
         has_won = is_better(outcome, self.incumbent)
         if self.settings.adaptive and self.is_hopping:
-            self._adapt(has_won)
+            self.width = self.settings.next_width(self.width, has_won)
         if has_won:
             self.incumbent, self.failures = outcome, 0
             return "accepted"
@@ -190,9 +190,3 @@ class Chain:
             return "rejected"
         self.incumbent, self.failures, self.width = None, 0, self.settings.width
         return "restarted"
-
-    def _adapt(self, has_won: bool) -> None:
-        """Widen after a success, narrow after a failure, docs/method.md eq. S14."""
-        low, high = self.settings.width_range
-        wider = self.width * np.exp(LEARNING_RATE * (has_won - SUCCESS_SHARE))
-        self.width = float(min(max(wider, low), high))

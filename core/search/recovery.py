@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.nlp import ExitStatus, Outcome, SolveSettings, Stop, never, solve
-from core.nlp.feasibility import FINE_TOLERANCE, outcome_of
+from core.nlp.feasibility import outcome_of
 from core.nlp.outcome import Limits
 from core.problem import Outage, Problem
 from core.search.mapping import map_seed, outage_profiles
 from core.search.settings import REFINED, assignment_of
 from core.transcription import (
     DEFAULT_LEGS,
+    FINE_TOLERANCE,
     TOLERANCE,
     Guess,
     OutageProfile,

@@ -181,6 +181,11 @@ class HopSettings:
         reach = 1.0 if self.shape is None else 100.0 ** (1.0 / self.shape)
         return REACHES[0] / reach, REACHES[1] / reach
 
+    def next_width(self, width: float, has_won: bool) -> float:
+        """Return the width [-] after a hop: wider after a success, narrower after a failure, eq. S14."""
+        low, high = self.width_range
+        return float(min(max(width * np.exp(LEARNING_RATE * (has_won - SUCCESS_SHARE)), low), high))
+
 
 class HopAddress(NamedTuple):
     """The place of one hop: integers only, no worker, attempt or time."""

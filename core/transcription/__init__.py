@@ -4,10 +4,18 @@ from core.transcription.arcs import FlownPath, RealizationPath, ReferencePath, f
 from core.transcription.control import control_of, throttle_of, wrapped
 from core.transcription.layout import STATE, Guess, Layout, Start, TrajectoryLayout, checked_vector, layout_of
 from core.transcription.plan import OutageProfile, Structure
-from core.transcription.transcription import DEFAULT_LEGS, STATE_SCALE, TOLERANCE, Transcription, transcribe
+from core.transcription.transcription import (
+    DEFAULT_LEGS,
+    FINE_TOLERANCE,
+    STATE_SCALE,
+    TOLERANCE,
+    Transcription,
+    transcribe,
+)
 
 __all__ = [
     "DEFAULT_LEGS",
+    "FINE_TOLERANCE",
     "STATE",
     "STATE_SCALE",
     "TOLERANCE",

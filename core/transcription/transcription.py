@@ -33,15 +33,16 @@ STATE_SCALE = np.array([LU_KM] * 3 + [VU_KM_S] * 3 + [MU_KG])
 #: Default number of shooting legs; a first trial of the method found 1, 25 and 50 worse.
 DEFAULT_LEGS = 10
 
-#: Distances from the centres of Earth and Moon that a path must keep [km], and the tolerance of the
-#: integrator whose steps are short enough to tell [-].
+#: Distances from the centres of Earth and Moon that a path must keep [km].
 CLEARANCE_KM = (RADIUS_EARTH_KM + LOWEST_OVER_EARTH_KM, RADIUS_MOON_KM + LOWEST_OVER_MOON_KM)
-CLEARANCE_TOLERANCE = 1e-12
 
 _ROOM_DAYS = 5.0
 
 #: Default tolerance of the integrator: a 30-day thrusting arc is right to 20 m.
 TOLERANCE = 3e-10
+#: Tolerance of the integrator where a solution is closed, or checked for feasibility, clearance and
+#: optimality: over 90 days the default one is off by up to a kilometre, this one by metres.
+FINE_TOLERANCE = 1e-12
 
 
 class Transcription:
@@ -179,7 +180,7 @@ class Transcription:
 
         Only the ends of steps are looked at, which are further out than a closest approach between them.
         """
-        solid = self.at_tolerance(CLEARANCE_TOLERANCE)
+        solid = self.at_tolerance(FINE_TOLERANCE)
         radii = np.array(CLEARANCE_KM) / LU_KM
         solid.setting = replace(self.setting, model=self.setting.model._replace(surfaces=radii))
         return bool(np.all(np.isfinite(solid.defects(x))))

@@ -127,6 +127,13 @@ COMMANDS = {
     ),
 }
 
+#: Commands that list what exists, for whoever names one that does not.
+LISTS = {
+    "campaign": "coastarc status",
+    "solution": "coastarc solutions list",
+    "token": "coastarc token list",
+}
+
 #: Those that compile kernels or make orbits.
 _COMPUTING = {"run", "serve", "dispatch", "solutions", "analyse", "benchmark", "example", "bench"}
 
@@ -202,7 +209,8 @@ def main() -> None:
             complain(line)
         sys.exit(2)
     except UserError as error:
-        complain(str(error))
+        listed = LISTS.get(getattr(error, "noun", ""))
+        complain(f"{error}; see `{listed}`" if listed else str(error))
         sys.exit(2)
     except KeyboardInterrupt:
         sys.exit(130)

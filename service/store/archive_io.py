@@ -97,7 +97,7 @@ def _require_at_rest(session: Session, campaign: CampaignRow) -> None:
     if campaign.state not in RESTING:
         raise PortableConflictError(
             f"{thing}: expected state {', '.join(RESTING[:-1])} or {RESTING[-1]}, got {campaign.state}; "
-            f"wait for its end, or pause it with `coastarc pause {campaign.id}`"
+            "wait for its end, or pause it"
         )
     running = (
         select(func.count())

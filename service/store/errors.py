@@ -21,6 +21,7 @@ class UnknownRowError(StoreError):
 
     def __init__(self, noun: str, key: object, found: str = "none with this id") -> None:
         super().__init__(f"{noun} {key}: expected one that exists, got {found}")
+        self.noun = noun
 
 
 class ConflictError(StoreError):

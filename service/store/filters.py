@@ -192,7 +192,7 @@ def find_campaign(session: Session, name_or_id: str) -> int:
         # A campaign may be called "7".
         found = session.scalar(select(func.max(CampaignRow.id)).where(CampaignRow.name == name_or_id))
     if found is None:
-        raise UnknownRowError("campaign", name_or_id, "none with this id or name; see `coastarc status`")
+        raise UnknownRowError("campaign", name_or_id, "none with this id or name")
     return found
 
 

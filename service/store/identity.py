@@ -223,7 +223,7 @@ def _revoke(session: Session, name_or_id: str, now: float) -> TokenView:
     row = session.scalar(in_use.where(TokenRow.name == name_or_id))
     row = row or session.scalar(in_use.where(TokenRow.id == name_or_id))
     if row is None:
-        raise UnknownRowError("token", name_or_id, "none with this name or id; see `coastarc token list`")
+        raise UnknownRowError("token", name_or_id, "none with this name or id")
     row.revoked_at = now
     session.execute(delete(SessionRow).where(SessionRow.token_id == row.id))
     return _view(row, now)

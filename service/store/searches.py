@@ -4,7 +4,6 @@ Of many chains, whole ones are drawn evenly from all.  Step sizes of adaptive ch
 reconstructed from hop outcomes, from which alone they follow.
 """
 
-import math
 from collections.abc import Iterable
 from itertools import groupby
 from typing import Any, cast
@@ -12,7 +11,7 @@ from typing import Any, cast
 from sqlalchemy import Select, case, func, literal_column, select
 from sqlalchemy.orm import Session, aliased
 
-from core.search.settings import LEARNING_RATE, SUCCESS_SHARE, HopSettings
+from core.search.settings import HopSettings
 from service import scheduler
 from service.db.dialect import mixed
 from service.db.tables import JobRow, SearchRow, SolutionRow, SolveRow
@@ -89,28 +88,22 @@ def _seed_rules(spec: SearchSpec) -> SeedRules | None:
     return SeedRules(**spec.seeds.model_dump(), mapping=list(spec.mapping))
 
 
-def widths(settings: HopSettings, told: Iterable[tuple[str | None, float | None]]) -> list[float | None]:
+def widths(settings: HopSettings, solves: Iterable[tuple[str | None, float | None]]) -> list[float | None]:
     """Return the width of each solve of a chain, from its first on; None where its guess was drawn afresh.
 
-    Each is told by its move and by its violation, which is None where it was not finite.
+    Each solve is given by its move and its violation, which is None where it was not finite.
     """
     found: list[float | None] = []
     width, is_hopping = settings.width, False
-    for move, violation in told:
+    for move, violation in solves:
         found.append(width if is_hopping else None)
         if settings.adaptive and is_hopping:
-            width = _learned(settings, width, move == "accepted")
+            width = settings.next_width(width, move == "accepted")
         if move == "accepted":
             is_hopping = violation is not None
         elif move == "restarted":
             width, is_hopping = settings.width, False
     return found
-
-
-def _learned(settings: HopSettings, width: float, has_won: bool) -> float:
-    """Return the next width, docs/method.md eq. S14."""
-    low, high = settings.width_range
-    return min(max(width * math.exp(LEARNING_RATE * (has_won - SUCCESS_SHARE)), low), high)
 
 
 #: Columns that an answer takes over as they are.

@@ -235,7 +235,7 @@ def find_id(session: Session, prefix: str) -> str:
     query = select(SolutionRow.id).where(SolutionRow.id.startswith(prefix, autoescape=True)).limit(2)
     found = session.scalars(query).all()
     if not found:
-        raise UnknownRowError("solution", prefix, "none with this id; see `coastarc solutions list`")
+        raise UnknownRowError("solution", prefix, "none with this id")
     if len(found) > 1:
         raise StoreError(
             f"solution {prefix}: expected the beginning of one id, got that of several; type more of it"

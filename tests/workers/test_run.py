@@ -36,7 +36,7 @@ class Numerics:
         monkeypatch.setattr(
             run, "prepared", lambda definition, settings: (run.problem_from(definition), None)
         )
-        monkeypatch.setattr(run, "warmed", lambda definition, settings: run.problem_from(definition))
+        monkeypatch.setattr(run, "precompiled", lambda definition, settings: run.problem_from(definition))
         monkeypatch.setattr(run, "Chain", lambda *laws: self)
         monkeypatch.setattr(run.core, "solve", self.solve, raising=False)
         monkeypatch.setattr(run, "solve_seed", self.solve_seed)

@@ -8,7 +8,7 @@ import pytest
 
 import core
 from core.nlp import ExitStatus, Outcome, solve
-from core.nlp.feasibility import FINE_TOLERANCE
+from core.transcription import FINE_TOLERANCE
 from service.store.solutions import Filter
 from tests.service.campaigns import OUTAGE, finish, spec_fields, submitted
 from workers import run
