@@ -10,6 +10,7 @@ import json
 import re
 import shutil
 import tempfile
+from enum import Enum
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +18,9 @@ import typer
 from sqlalchemy import create_engine, literal, select
 from starlette.testclient import TestClient
 
+from core.analysis.safe_modes import RECOVERIES, SAFE_MODES
 from core.problem import load_problem, problem_from
-from core.search import GUESS_LAWS, HOP_LAWS, HopAddress, draw_steps, hop, hop_rng, sample_guess
+from core.search import GUESS_LAWS, HOP_LAWS, HopAddress, draw_steps, hop, hop_rng, hop_times, sample_guess
 from core.transcription import transcribe
 from service.app import create_app
 from service.auth.network import Access
@@ -69,6 +71,8 @@ def _fields(node, schemas, place, within):
                 yield from _fields(schema, schemas, f"{place}.{field}", within)
         elif key in ("required", "enum") and isinstance(one, list):
             said.append(f"{key} {sorted(map(str, one))}")
+        elif key == "default":
+            said.append(f"default {json.dumps(one, sort_keys=True)}")
         elif isinstance(one, list):
             for number, part in enumerate(one):
                 name = part.get("name", number) if isinstance(part, dict) else part
@@ -91,24 +95,28 @@ def commands():
 
 
 def _commands(command, path):
-    if hasattr(command, "commands"):
-        for name, one in command.commands.items():
-            yield from _commands(one, (*path, name))
-        return
-    yield " ".join(path), [_option(one) for one in command.params]
+    inside = getattr(command, "commands", {})
+    for name, one in inside.items():
+        yield from _commands(one, (*path, name))
+    if command.params or not inside:
+        name = " ".join(path) or "coastarc"
+        yield f"{name} (hidden)" if command.hidden else name, [_option(one) for one in command.params]
 
 
 def _option(one):
     """Return one line: names, type, what it is if left out, and what else its kind is."""
     is_of_machine = callable(one.default) or isinstance(one.default, Path) or one.name == "workers"
     default = "this machine's" if is_of_machine else one.default
-    traits = [name for name in ("required", "multiple") if getattr(one, name)]
+    traits = [name for name in ("required", "multiple", "hidden") if getattr(one, name, False)]
     names = " ".join([one.param_type_name, *one.opts, *one.secondary_opts])
     return f"{names}: {_type(one)} = {default}; {one.envvar}; {' '.join([str(one.nargs), *traits])}"
 
 
 def _type(one):
-    kind = getattr(one.type_descriptor.annotation, "__name__", one.type_descriptor.annotation)
+    annotation = one.type_descriptor.annotation
+    if isinstance(annotation, type) and issubclass(annotation, Enum):
+        return f"one of {', '.join(choice.value for choice in annotation)}"
+    kind = getattr(annotation, "__name__", annotation)
     return kind if one.min is None and one.max is None else f"{kind} in [{one.min}, {one.max}]"
 
 
@@ -193,6 +201,13 @@ def draws():
         "hops": {
             law: _rounded(hop(middle, (lower, upper), law, 0.05, hop_rng(7, addresses["hop"])))
             for law in HOP_LAWS
+        },
+        "times": hop_times(
+            middle[:10], (lower[:10], upper[:10]), np.arange(10), 0.5, hop_rng(7, addresses["hop"])
+        ).tolist(),
+        "outages": {
+            name: _rounded(law.sample(hop_rng(7, addresses["hop"]), 10))
+            for name, law in (("safe modes", SAFE_MODES), ("recoveries", RECOVERIES))
         },
         "guesses": {
             law: _rounded(sample_guess(transcription, hop_rng(7, addresses["hop"]), law))

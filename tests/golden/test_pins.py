@@ -1,12 +1,15 @@
 """Nothing that others rely on changes unawares; `tests.golden.pins` says how to change it on purpose."""
 
 import json
+import signal
 import subprocess
 import sys
 
 import pytest
 
+from service.cli import main
 from tests.golden.pins import PINS, stored
+from workers.executor import ExecutorLostError
 
 
 @pytest.mark.parametrize("name", [name for name in PINS if name != "draws"])
@@ -22,8 +25,8 @@ def test_every_random_stream_begins_as_it_did():
     found, before = PINS["draws"](), stored("draws")
     assert found.keys() == before.keys()
     assert found["bits"] == before["bits"] and found["uniform"] == before["uniform"]
-    assert found["samples"] == before["samples"]
-    for kind in ("steps", "hops", "guesses"):
+    assert found["samples"] == before["samples"] and found["times"] == before["times"]
+    for kind in ("steps", "hops", "guesses", "outages"):
         assert found[kind].keys() == before[kind].keys()
         for law, draws in before[kind].items():
             # Nine digits are stored: half a unit of the last one.
@@ -48,3 +51,17 @@ def coastarc(*words):
 )
 def test_exit_codes_are_what_they_were(code, words):
     assert coastarc(*words) == code
+
+
+@pytest.mark.parametrize(("code", "end"), [(3, ExecutorLostError("lost")), (130, KeyboardInterrupt())])
+def test_a_dispatcher_that_is_cut_short_says_by_its_exit_code_why(monkeypatch, code, end):
+    def dispatch(*_):
+        raise end
+
+    # The handlers of this process stay those of pytest.
+    monkeypatch.setattr(signal, "signal", lambda *_: None)
+    monkeypatch.setattr("service.cli.processes.dispatch", dispatch)
+    monkeypatch.setattr(sys, "argv", ["coastarc", "dispatch", "--url", "http://127.0.0.1:9"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == code
