@@ -6,10 +6,13 @@ PostgreSQL.
 """
 
 import json
+from collections.abc import Collection
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel
 from sqlalchemy import (
     REAL,
     BigInteger,
@@ -509,3 +512,15 @@ class AuditRow(Base):
     method: Mapped[str]
     path: Mapped[str]
     status: Mapped[int]
+
+
+def shared_columns(
+    table: type[Base], model: type[BaseModel] | type[Any], *, but: Collection[str] = ()
+) -> tuple[str, ...]:
+    """Return the columns of a table that a model or a dataclass has too, in the table's order.
+
+    Whoever copies them derives its list from here, so that a new column is named in the table and in the
+    model alone; `but` names those that are converted or come from elsewhere.
+    """
+    known = model.model_fields if issubclass(model, BaseModel) else {one.name for one in fields(model)}
+    return tuple(name for name in table.__table__.columns.keys() if name in known and name not in but)

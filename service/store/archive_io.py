@@ -39,6 +39,7 @@ from service.db.tables import (
     SeedLinkRow,
     SolutionRow,
     SolveRow,
+    shared_columns,
 )
 from service.store.cache import spec_of
 from service.store.errors import UnknownRowError
@@ -54,21 +55,11 @@ _JOB, _ATTEMPT, _SOLVE = plain(JobRow).c, plain(AttemptRow).c, plain(SolveRow).c
 _SEARCH, _SOLUTION, _PROVENANCE = plain(SearchRow).c, plain(SolutionRow).c, plain(ProvenanceRow).c
 _CERTIFICATE = plain(CertificateRow).c
 #: Columns that a line takes over under their own names.
-JOB_COLUMNS = (
-    *("kind", "chain", "hop", "n_hops", "mapping", "state", "priority", "attempt", "n_failures"),
-    *("worker", "ending", "created_at", "updated_at"),
-)
-ATTEMPT_COLUMNS = ("attempt", "worker", "started_at", "ended_at", "ending", "next_state", "error")
-SOLVE_COLUMNS = (
-    *("attempt", "hop", "rng_key", "ending", "status", "is_feasible", "paper", "strict", "objective_kg"),
-    *("violation", "n_iterations", "n_evaluations", "cpu_seconds", "wall_seconds", "move", "created_at"),
-)
-SOLUTION_COLUMNS = (
-    *("id", "objective_kg", "propellant_kg", "delta_v_km_s", "delta_v_total_km_s", "shooting_days"),
-    *("initial_coast_days", "final_coast_days", "time_of_flight_days", "insertion_epoch", "arrival_epoch"),
-    *("paper", "strict", "verification"),
-)
-CERTIFICATE_COLUMNS = ("hash", "made_on", "made_at", "cpu_seconds", "checked_at")
+JOB_COLUMNS = shared_columns(JobRow, JobLine)
+ATTEMPT_COLUMNS = shared_columns(AttemptRow, AttemptLine)
+SOLVE_COLUMNS = shared_columns(SolveRow, SolveLine, but=("defects",))
+SOLUTION_COLUMNS = shared_columns(SolutionRow, SolutionLine, but=("x", "defects"))
+CERTIFICATE_COLUMNS = shared_columns(CertificateRow, CertificateLine, but=("content",))
 
 
 def chain_of_campaigns(session: Session, campaign_id: int) -> list[CampaignRow]:

@@ -25,6 +25,7 @@ from service.db.tables import (
     SeedLinkRow,
     SolutionRow,
     SolveRow,
+    shared_columns,
 )
 from service.db.transitions import ENDED
 from service.logs import say
@@ -67,19 +68,7 @@ _FED = (
     .order_by(SearchRow.id)
 )
 #: Fields of a record that a row takes over as they are.
-COPIED = (
-    "hop",
-    "rng_key",
-    "status",
-    "is_feasible",
-    "objective_kg",
-    "violation",
-    "n_iterations",
-    "n_evaluations",
-    "cpu_seconds",
-    "wall_seconds",
-    "move",
-)
+COPIED = shared_columns(SolveRow, SolveRecord, but=("ending", "defects"))
 
 
 def add_solve(

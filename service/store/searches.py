@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session, aliased
 from core.search.settings import HopSettings
 from service import scheduler
 from service.db.dialect import mixed
-from service.db.tables import JobRow, SearchRow, SolutionRow, SolveRow
+from service.db.tables import JobRow, SearchRow, SolutionRow, SolveRow, shared_columns
 from service.schemas.answer import CampaignState
 from service.schemas.search import (
     BudgetView,
@@ -107,7 +107,7 @@ def widths(settings: HopSettings, solves: Iterable[tuple[str | None, float | Non
 
 
 #: Columns that an answer takes over as they are.
-FROM_SOLVE = ("id", "hop", "move", "ending", "status", "objective_kg", "violation", "n_iterations")
+FROM_SOLVE = shared_columns(SolveRow, HopColumns, but=("solution_id", "cpu_seconds"))
 _VERDICT = case((SolveRow.strict, "strict"), (SolveRow.paper, "paper"))
 _SOLVES = (
     select(

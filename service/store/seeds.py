@@ -16,7 +16,16 @@ from sqlalchemy.orm import Session
 from core.analysis.similarity import features
 from core.problem import Problem, ProblemError, hashes_of, problem_from, validation_message
 from service import scheduler
-from service.db.tables import CampaignRow, CaseRow, JobRow, ProblemRow, SearchRow, SolutionRow, SolveRow
+from service.db.tables import (
+    CampaignRow,
+    CaseRow,
+    JobRow,
+    ProblemRow,
+    SearchRow,
+    SolutionRow,
+    SolveRow,
+    shared_columns,
+)
 from service.scheduler import Candidate, PlannedJob
 from service.schemas.problem import BestSolution, ProblemFamily, Relative
 from service.schemas.solution import SeedPage
@@ -230,16 +239,7 @@ _FINDER = (
     .order_by(SolveRow.id)
     .limit(1)
 )
-FROM_SOLUTION = (
-    "id",
-    "objective_kg",
-    "propellant_kg",
-    "delta_v_km_s",
-    "shooting_days",
-    "initial_coast_days",
-    "time_of_flight_days",
-    "strict",
-)
+FROM_SOLUTION = shared_columns(SolutionRow, BestSolution)
 
 
 class _Kin(NamedTuple):

@@ -23,6 +23,7 @@ from service.db.tables import (
     SeedLinkRow,
     SolutionRow,
     SolveRow,
+    shared_columns,
 )
 from service.schemas.problem import OutageView
 from service.schemas.solution import (
@@ -151,24 +152,8 @@ def _solution(session: Session, solution_id: str) -> SolutionRow:
 
 
 #: Columns that a record shows under their own name.
-FROM_SOLUTION = (
-    "id",
-    "problem_hash",
-    "objective_kg",
-    "propellant_kg",
-    "delta_v_km_s",
-    "delta_v_total_km_s",
-    "shooting_days",
-    "initial_coast_days",
-    "final_coast_days",
-    "time_of_flight_days",
-    "insertion_epoch",
-    "arrival_epoch",
-    "paper",
-    "strict",
-    "created_at",
-)
-FROM_SOLVE = ("status", "n_iterations", "n_evaluations", "cpu_seconds", "wall_seconds", "rng_key")
+FROM_SOLUTION = shared_columns(SolutionRow, Record)
+FROM_SOLVE = shared_columns(SolveRow, Record, but=(*FROM_SOLUTION, "search_id"))
 #: Ids that one query names.
 AT_ONCE = 500
 

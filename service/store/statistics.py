@@ -38,6 +38,7 @@ from service.db.tables import (
     SolveRow,
     TallyRow,
     WorkerRow,
+    shared_columns,
 )
 from service.db.transitions import ENDED
 from service.spec.search_spec import SearchSpec
@@ -178,19 +179,9 @@ def summed(counts: Iterable[dict[str, int]]) -> dict[str, int]:
 
 #: Columns that a fact takes over as they are.
 FROM_JOB = (JobRow.mapping, JobRow.chain, JobRow.seed_id)
-FROM_SOLVE = (
-    SolveRow.solution_id,
-    SolveRow.hop,
-    SolveRow.status,
-    SolveRow.paper,
-    SolveRow.strict,
-    SolveRow.cpu_seconds,
-)
-FROM_SOLUTION = (
-    SolutionRow.propellant_kg,
-    SolutionRow.delta_v_km_s,
-    SolutionRow.delta_v_total_km_s,
-    SolutionRow.time_of_flight_days,
+FROM_SOLVE = tuple(getattr(SolveRow, name) for name in shared_columns(SolveRow, SolveFacts))
+FROM_SOLUTION = tuple(
+    getattr(SolutionRow, name) for name in shared_columns(SolutionRow, SolveFacts, but=("paper", "strict"))
 )
 
 
