@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from service.cli import app_of
-from service.cli import solutions as cli_reproduce
+from service.cli import solution_commands as cli_reproduce
 from service.solutions.reproduce import reproduce, verdict
 from service.store.filters import Filter
 from service.store.store import Store

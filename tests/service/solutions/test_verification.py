@@ -12,7 +12,7 @@ from sqlalchemy import update
 
 from core.problem import content_hash
 from service import cli
-from service.cli import solutions as cli_verify
+from service.cli import solution_commands as cli_verify
 from service.cli.options import console
 from service.cli.terminal import level_of
 from service.db.tables import SolutionRow
