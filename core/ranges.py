@@ -1,16 +1,14 @@
 """What a problem may say, field by field: physical limits, and what a value beyond them likely is.
 
-Text comes out, `<field>: expected <range>, got <value>; <likely slip>`, for `core.problem.require_physical`.
+A `core.problem.Problem`, which imports this module, comes in; text comes out, for its `require_physical`:
+`<field>: expected <range>, got <value>; <likely slip>`.
 """
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import Any
 
 from core.constants import RADIUS_EARTH_KM
-
-if TYPE_CHECKING:
-    from core.problem import Problem
 
 #: A geocentric state and a parking orbit lie within this distance [km]: three times the Earth's sphere of
 #: influence and more, and less than the Earth's radius in metres.
@@ -38,7 +36,7 @@ RANGES: tuple[tuple[str, float, float, str, str], ...] = (
 )
 
 
-def slips(problem: "Problem") -> list[str]:
+def slips(problem: Any) -> list[str]:
     """Return one line per value that no spacecraft near the Earth has.
 
     Parameters
@@ -49,7 +47,7 @@ def slips(problem: "Problem") -> list[str]:
     return [*_out_of_range(problem), *_out_of_place(problem)]
 
 
-def _out_of_range(problem: "Problem") -> Iterator[str]:
+def _out_of_range(problem: Any) -> Iterator[str]:
     for field, low, high, unit, slip in RANGES:
         part, _, last = field.partition(".")
         value = getattr(getattr(problem, part), last, None)
@@ -57,7 +55,7 @@ def _out_of_range(problem: "Problem") -> Iterator[str]:
             yield f"{field}: expected {low:g} to {high:g} {unit}, got {value:g}; {slip}"
 
 
-def _out_of_place(problem: "Problem") -> Iterator[str]:
+def _out_of_place(problem: Any) -> Iterator[str]:
     departure, target = problem.departure, problem.target
     if departure.kind == "state":
         distance, speed = math.hypot(*departure.position_km), math.hypot(*departure.velocity_km_s)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.shape import as_table, measure
+from benchmarks.shape import as_table, circles, import_graph, measure, packages
 
 FILES = {
     "house/__init__.py": "",
@@ -83,3 +83,8 @@ def test_a_form_is_named_after_a_noun_or_has_three_columns_that_tell_it_from_oth
 
 def test_the_table_names_the_packages_of_a_circle(tree: Path) -> None:
     assert "circles of packages  house.pages, house.store\n" in as_table(measure(tree, ("house",), ()))
+
+
+def test_no_module_and_no_package_of_ours_imports_itself_in_a_circle() -> None:
+    graph = import_graph()
+    assert circles(graph) == [] and circles(packages(graph)) == []
