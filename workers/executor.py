@@ -60,7 +60,7 @@ class Executor(Protocol):
 
         Raises
         ------
-        ExecutorLost
+        ExecutorLostError
             When nothing can be expected from this executor any more.
         """
 

@@ -110,7 +110,7 @@ class RayCluster:
             self._check_node(node, reference)
 
     def require_alive(self) -> None:
-        """Raise ExecutorLost once a cluster of ours has lost a process that it cannot do without.
+        """Raise ExecutorLostError once a cluster of ours has lost a process that it cannot do without.
 
         Ray itself says so after 20 s, and never where its raylet is gone.
         """

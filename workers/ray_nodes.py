@@ -241,7 +241,7 @@ class Watchdog:
         self._n_missed = 0
 
     def look(self) -> None:
-        """Ask, or look for the answer; raise ExecutorLost when there were two in a row without one."""
+        """Ask, or look for the answer; raise ExecutorLostError when there were two in a row without one."""
         now = time.monotonic()
         if self._asked is None:
             if now >= self._next:

@@ -155,7 +155,7 @@ def polish(transcription: Transcription, guess: Array | Guess, limits: Limits) -
 
     Returns
     -------
-    Polished
+    PolishedPoint
         Never raises for a failed solve.
     """
     import cyipopt  # Half of all that core would import; a coordinator never solves.

@@ -105,7 +105,7 @@ class Pilot:
 
         Raises
         ------
-        Unflyable
+        UnflyableError
             When the arc meets the Earth or the Moon, uses up the mass, or cannot be integrated.
         """
         end = state.copy()

@@ -32,7 +32,7 @@ class _NotFiniteError(Exception):
 
 
 async def read_body(receive: Receive, content_type: str, most_bytes: int) -> bytes:
-    """Return the body, or raise a BodyFault."""
+    """Return the body, or raise a BodyError."""
     pieces: list[bytes] = []
     n_bytes = 0
     with anyio.move_on_after(PATIENCE_S):
@@ -52,7 +52,7 @@ async def read_body(receive: Receive, content_type: str, most_bytes: int) -> byt
 
 
 async def save_body(receive: Receive, most_bytes: int, file: BinaryIO) -> None:
-    """Write the body to a file piece by piece, or raise a BodyFault."""
+    """Write the body to a file piece by piece, or raise a BodyError."""
     n_bytes = 0
     is_whole = False
     while not is_whole:

@@ -84,7 +84,7 @@ def motivating() -> Example:
 
     Raises
     ------
-    NoExample
+    ExampleFailedError
         When one of the two solves does not close on this machine.
     """
     problem = load_problem(PRESET)

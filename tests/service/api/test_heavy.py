@@ -35,7 +35,7 @@ def asked(url, path, body):
 
 @pytest.mark.slow
 def test_forty_five_slow_submissions_keep_nobody_from_an_answer(url, monkeypatch):
-    monkeypatch.setattr("service.spec.spec.MOST_CPU_S", 1.0)
+    monkeypatch.setattr("service.spec.spec_check.MOST_CPU_S", 1.0)
     answers, waits = [], []
     bodies = [SLOW | {"n_segments": 50 + n} for n in range(N_REQUESTS)]
     threads = [

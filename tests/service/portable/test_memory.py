@@ -18,7 +18,7 @@ import json, sys
 from pathlib import Path
 from service.archive_format.container import Unpacked
 from service.archive_format.container import PortableError
-from service.store.archive_files import take_in_file
+from service.store.archive_files import import_file
 from service.archive_format.reading import read_all
 from service.store.store import Store
 
