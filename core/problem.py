@@ -162,26 +162,31 @@ class SpkTarget(_Strict):
     #: In a file of a problem or a campaign relative to the folder of that file.
     path: Path
     naif_id: StrictInt
-    #: Digest of the file's content, blake2b-128; filled in, and from then on required.
+    #: Digest of the file's content, blake2b-128; filled in by `problem_from`, and from then on required.
     digest: Annotated[str, Field(pattern="^[0-9a-f]{32}$")] | None = None
 
-    @model_validator(mode="after")
-    def _readable(self) -> Self:
+    def with_file_read(self) -> Self:
+        """Return this target with the absolute path of its file and the digest of the content.
+
+        Raises
+        ------
+        ValueError
+            When the file cannot be read, or has another digest than the target.
+        """
         try:
             if not self.path.is_file():
                 raise ValueError(f"expected an SPK file, got {self.path}, which is not a file")
             # Whoever runs a job stands in another folder.
-            object.__setattr__(self, "path", self.path.resolve())
-            digest = self.digest_now()
+            absolute = self.model_copy(update={"path": self.path.resolve()})
+            digest = absolute.digest_now()
         except OSError as error:
             raise ValueError(f"expected an SPK file, got {self.path}: {error.strerror}") from error
         if self.digest not in (None, digest):
             raise ValueError(
-                f"expected the SPK file with digest {self.digest}, got {self.path} with {digest}; "
+                f"expected the SPK file with digest {self.digest}, got {absolute.path} with {digest}; "
                 f"the file has been changed since"
             )
-        object.__setattr__(self, "digest", digest)
-        return self
+        return absolute.model_copy(update={"digest": digest})
 
     def digest_now(self) -> str:
         """Return the digest of the content that the file has by now."""
@@ -234,8 +239,13 @@ class Outage(_Strict):
     duration_days: Annotated[float, Field(gt=0, le=LONGEST_OUTAGE_DAYS)]
 
 
-def _ordered_outages(outages: tuple[Outage, ...], n_segments: int) -> tuple[Outage, ...]:
-    """Return outages in the order of x, or raise ValueError where a problem cannot have them together."""
+def _in_order(outages: Iterable[Outage]) -> tuple[Outage, ...]:
+    """Return outages in the order in which x lists the realizations."""
+    return tuple(sorted(outages, key=lambda outage: (outage.segment, outage.duration_days)))
+
+
+def _require_possible(outages: tuple[Outage, ...], n_segments: int) -> None:
+    """Raise ValueError where a problem cannot have ordered outages together."""
     last = n_segments - 1
     for outage in outages:
         if outage.segment > last:
@@ -243,14 +253,12 @@ def _ordered_outages(outages: tuple[Outage, ...], n_segments: int) -> tuple[Outa
                 f"outages: expected a segment in 1..{last} (one must remain after the missed one), "
                 f"got {outage.segment}"
             )
-    ordered = sorted(outages, key=lambda outage: (outage.segment, outage.duration_days))
-    for first, second in itertools.pairwise(ordered):
+    for first, second in itertools.pairwise(outages):
         if first == second:
             raise ValueError(
                 f"outages: expected different outages, got segment {first.segment} with "
                 f"{first.duration_days} days twice"
             )
-    return tuple(ordered)
 
 
 class Problem(_Strict):
@@ -267,12 +275,11 @@ class Problem(_Strict):
     #: Segments of a realization at n: N - n of them ("adaptive") or N ("uniform").
     segmentation: Literal["adaptive", "uniform"] = "adaptive"
     #: The k outages, kept in the order (segment, duration) in which x lists the realizations.
-    outages: tuple[Outage, ...] = ()
+    outages: Annotated[tuple[Outage, ...], AfterValidator(_in_order)] = ()
 
     @model_validator(mode="after")
     def _outages_possible(self) -> Self:
-        ordered = _ordered_outages(self.outages, self.n_segments)
-        object.__setattr__(self, "outages", ordered)
+        _require_possible(self.outages, self.n_segments)
         return self
 
     @model_validator(mode="after")
@@ -342,8 +349,9 @@ class Problem(_Strict):
     def _beside(self, case: list[tuple[int, float]]) -> "Problem":
         """Return a validated problem with other outages, of which alone something may be wrong."""
         try:
-            outages = tuple(Outage(segment=segment, duration_days=days) for segment, days in case)
-            return self.model_copy(update={"outages": _ordered_outages(outages, self.n_segments)})
+            outages = _in_order(Outage(segment=segment, duration_days=days) for segment, days in case)
+            _require_possible(outages, self.n_segments)
+            return self.model_copy(update={"outages": outages})
         except ValueError:
             # Says what is wrong in the words of a problem.
             return self.with_outages(case)
@@ -514,18 +522,31 @@ def beside(fields: Any, folder: Path) -> Any:
 def problem_from(fields: Any) -> Problem:
     """Return the problem that plain data describes; `preset` gives the fields left out.
 
+    The file of a target is read here: what is valid does not depend on the disk.
+
     Raises
     ------
     ProblemError
-        One line per field that is unknown, missing or impossible.
+        One line per field that is unknown, missing or impossible, or the file of the target.
     """
     if not isinstance(fields, Mapping):
         raise ProblemError(f"problem: expected a table of fields, got {type(fields).__name__}")
     given = dict(fields)
     try:
-        return Problem.model_validate(_merged(_preset(given.pop("preset", None)), given))
+        problem = Problem.model_validate(_merged(_preset(given.pop("preset", None)), given))
     except ValidationError as error:
         raise ProblemError(validation_message("problem", error, Problem)) from error
+    return _with_target_read(problem)
+
+
+def _with_target_read(problem: Problem) -> Problem:
+    """Return a problem whose target names the content of its file, if it has one."""
+    if not isinstance(problem.target, SpkTarget):
+        return problem
+    try:
+        return problem.model_copy(update={"target": problem.target.with_file_read()})
+    except ValueError as error:
+        raise ProblemError(f"problem.target: {error}") from error
 
 
 def validation_message(thing: str, error: ValidationError, model: type[BaseModel]) -> str:

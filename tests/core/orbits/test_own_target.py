@@ -12,7 +12,7 @@ from core.ephemeris import furnish, state_at
 from core.ephemeris.daf import SpkError
 from core.ephemeris.spk import new_spk, read_orbit
 from core.orbits.target import target_kernel, target_table
-from core.problem import ProblemError, load_problem, problem_from, seconds_past_j2000
+from core.problem import ProblemError, SpkTarget, load_problem, problem_from, seconds_past_j2000
 from core.tolerances import violation
 from core.transcription import transcribe
 from core.units import LU_KM, VU_KM_S
@@ -89,6 +89,15 @@ def test_a_file_that_was_changed_since_is_refused(own, tmp_path):
     copy.write_bytes(copy.read_bytes() + b"\0")
     with pytest.raises(ProblemError, match=r"expected the SPK file with digest .* has been changed since"):
         problem_from(stored)
+
+
+def test_a_target_is_valid_without_its_file_and_reading_the_file_changes_no_target(tmp_path):
+    target = SpkTarget(kind="spk", path=tmp_path / "late.bsp", naif_id=OWN_ID)
+    with pytest.raises(ValueError, match=r"expected an SPK file, got \S+late\.bsp, which is not a file"):
+        target.with_file_read()
+    target.path.write_bytes(b"some content")
+    read = target.with_file_read()
+    assert (target.digest, read.digest) == (None, read.digest_now())
 
 
 def circle(path, radius_km):
