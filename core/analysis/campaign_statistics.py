@@ -179,11 +179,7 @@ def summarized(findings: Findings, solves: Sequence[SolveFacts], level: Level = 
     is_told = bool(findings.row_of) or not findings.found_by
     n_distinct = count_distinct(findings, found) if is_told else None
     return Summary(
-        search=shared(solve.search for solve in solves),
-        strategy=shared(solve.strategy for solve in solves),
-        duration_days=shared(solve.duration_days for solve in solves),
-        mapping=shared(solve.mapping for solve in solves),
-        case=shared(case_name(solve.outages) for solve in solves),
+        **columns_of_group(solves),
         level=level,
         n_cases=len({solve.outages for solve in solves}),
         n_solves=len(solves),
@@ -291,6 +287,23 @@ def case_name(outages: Sequence[tuple[int, float]]) -> str:
     """
     is_even = len({duration for _, duration in outages}) <= 1
     return "-".join(f"{segment}" if is_even else f"{segment}:{days:g}d" for segment, days in outages)
+
+
+def columns_of_group(solves: Sequence[SolveFacts]) -> dict[str, Any]:
+    """Return what names a group in its record, None where its solves differ.
+
+    Parameters
+    ----------
+    solves : sequence of SolveFacts
+        The group.
+    """
+    return {
+        "search": shared(solve.search for solve in solves),
+        "strategy": shared(solve.strategy for solve in solves),
+        "duration_days": shared(solve.duration_days for solve in solves),
+        "mapping": shared(solve.mapping for solve in solves),
+        "case": shared(case_name(solve.outages) for solve in solves),
+    }
 
 
 def shared(values: Iterable[_T]) -> _T | None:

@@ -14,7 +14,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from core.analysis.campaign_facts import Level, SolveFacts
-from core.analysis.campaign_statistics import BY_STRATEGY, Findings, case_name, grouped, shared, solutions
+from core.analysis.campaign_statistics import BY_STRATEGY, Findings, columns_of_group, grouped, solutions
 from core.analysis.metrics import Ratio, Spread, feasibility_ratio, spread
 from core.tolerances import STRICT
 
@@ -115,11 +115,7 @@ def paired_change(findings: Findings, solves: Sequence[SolveFacts], level: Level
             delta_v.append(solve.delta_v_km_s - seed.delta_v_km_s)
     changes = [change for pairs in mass.values() for change in pairs]
     return PairedChange(
-        search=shared(solve.search for solve in solves),
-        strategy=shared(solve.strategy for solve in solves),
-        duration_days=shared(solve.duration_days for solve in solves),
-        mapping=shared(solve.mapping for solve in solves),
-        case=shared(case_name(solve.outages) for solve in solves),
+        **columns_of_group(solves),
         level=level,
         n_seeds=len(mass),
         propellant_kg=spread(changes),
