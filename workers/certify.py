@@ -207,10 +207,10 @@ def _trajectory(found: Certification, index: int) -> CertifiedTrajectory:
         outage_segment=outage.segment if outage else None,
         outage_days=outage.duration_days if outage else None,
         arrival_epoch=calendar_epoch(float(flight.arrival_et[index])),
-        defect=tuple(map(_finite, flight.defects[index])),
-        position_km=_finite(flight.position_km[index]),
-        velocity_km_s=_finite(flight.velocity_km_s[index]),
-        mass_kg=_finite(flight.mass_kg[index]),
+        defect=tuple(map(finite_or_none, flight.defects[index])),
+        position_km=finite_or_none(flight.position_km[index]),
+        velocity_km_s=finite_or_none(flight.velocity_km_s[index]),
+        mass_kg=finite_or_none(flight.mass_kg[index]),
         closest=_approaches(flown.closest),
         through=_through(flown),
         mass=CertifiedMass(coasts=0.0, **mass),
@@ -222,7 +222,7 @@ def _through(flown: Repropagation) -> CertifiedThrough:
     return CertifiedThrough(
         insertion_miss=_pair(through.insertion_miss),
         arrival_miss=_pair(through.arrival_miss),
-        mass_miss_kg=_finite(through.mass_miss_kg),
+        mass_miss_kg=finite_or_none(through.mass_miss_kg),
         closest=_approaches(flown.closest_through),
         failure=through.failure,
     )
@@ -264,8 +264,9 @@ def _approaches(found: tuple[Approach, ...]) -> tuple[CertifiedApproach, ...]:
 
 
 def _pair(miss: tuple[float, float]) -> Pair:
-    return _finite(miss[0]), _finite(miss[1])
+    return finite_or_none(miss[0]), finite_or_none(miss[1])
 
 
-def _finite(value: float) -> float | None:
+def finite_or_none(value: float) -> float | None:
+    """Return a number as JSON can carry it."""
     return float(value) if np.isfinite(value) else None

@@ -29,7 +29,7 @@ from core.search import (
 )
 from core.tolerances import PAPER, violation
 from core.transcription import TOLERANCE, Transcription
-from workers.certify import certificate, trajectory
+from workers.certify import certificate, finite_or_none, trajectory
 from workers.messages import (
     KIND_NUMBERS,
     LONGEST_ERROR,
@@ -142,7 +142,7 @@ def place_of(state: ChainState, next_hop: int, ending: Ending) -> ChainPlace:
     assert state.width is not None
     about: dict[str, Any] = {"has_incumbent": best is not None}
     if best is not None:
-        about |= {"objective_kg": _finite(best.objective), "violation": _finite(best.violation)}
+        about |= {"objective_kg": finite_or_none(best.objective), "violation": finite_or_none(best.violation)}
         if np.isfinite(best.violation):
             about |= {"x": as_floats(best.x)}
     return ChainPlace(next_hop=next_hop, ending=ending, failures=state.failures, width=state.width, **about)
@@ -286,9 +286,9 @@ def _record(
         ending=ending,
         status=outcome.status.name,
         is_feasible=bool(outcome.is_feasible),
-        objective_kg=_finite(outcome.objective),
-        violation=_finite(outcome.violation),
-        defects=tuple(tuple(map(_finite, row)) for row in np.asarray(outcome.defects)),
+        objective_kg=finite_or_none(outcome.objective),
+        violation=finite_or_none(outcome.violation),
+        defects=tuple(tuple(map(finite_or_none, row)) for row in np.asarray(outcome.defects)),
         n_iterations=int(outcome.n_iterations),
         n_evaluations=int(outcome.n_evaluations),
         cpu_seconds=times[0],
@@ -317,7 +317,3 @@ def _judged(problem: Problem, outcome: Outcome) -> dict[str, Any]:
 def as_floats(x: NDArray[np.float64]) -> tuple[float, ...]:
     """Return a vector as plain floats, which JSON carries exactly."""
     return tuple(np.asarray(x, dtype=np.float64).tolist())
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
