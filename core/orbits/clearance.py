@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from core.constants import RADIUS_EARTH_KM, RADIUS_MOON_KM, SECONDS_PER_DAY
 from core.ephemeris import EphemerisTable, body_table
 from core.ephemeris.tables import positions
+from core.errors import UserError
 from core.orbits.spiral import departure_state
 from core.orbits.target import target_table, window_days
 from core.problem import Problem, SpkTarget, calendar_epoch
@@ -25,7 +26,7 @@ Array = NDArray[np.float64]
 _N_SAMPLES = 2000
 
 
-class ClearanceError(RuntimeError):
+class ClearanceError(UserError, RuntimeError):
     """A departure or a target inside a body, or far beyond the Moon."""
 
 

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from core.constants import MU_CR3BP
 from core.dynamics import COAST, STATE, ForceModel, propagate
 from core.ephemeris import EphemerisTable, state_at, states
+from core.errors import UserError
 from core.jit import compiled
 from core.orbits.rotating import rotating_frame, to_inertial
 from core.units import LU_KM, TU_DAYS, VU_KM_S
@@ -39,7 +40,7 @@ _PERIOD_STEP = 0.05
 _HALO_ITERATIONS = 12
 
 
-class HaloError(RuntimeError):
+class HaloError(UserError, RuntimeError):
     """A period for which the correction did not converge."""
 
 
@@ -141,7 +142,7 @@ _INTEGRATION_TOLERANCE = 1e-14
 _MAX_ITERATIONS = 30
 
 
-class ShootingError(RuntimeError):
+class ShootingError(UserError, RuntimeError):
     """A guess from which the correction does not converge."""
 
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from core.constants import G0, GM_EARTH, GM_JUPITER, GM_MOON, GM_SUN, RADIUS_EARTH_KM
 from core.dynamics.force import FIELD_WIDTH, field_at, field_table, gravity
 from core.ephemeris import EphemerisTable, body_table, states
+from core.errors import UserError
 from core.jit import compiled
 from core.orbits.rotating import jacobi
 from core.problem import Spacecraft, SpiralDeparture, StateDeparture, calendar_epoch, seconds_past_j2000
@@ -42,7 +43,7 @@ LONGEST_SPIRAL_DAYS = 3000.0
 _TOLERANCE = 3e-14
 
 
-class SpiralError(RuntimeError):
+class SpiralError(UserError, RuntimeError):
     """A spiral that meets the Earth, or runs out of propellant, before its end."""
 
 
