@@ -2,7 +2,7 @@
 
 from core.nlp.feasibility import outcome_of
 from core.nlp.outcome import ExitStatus, Limits, Outcome, SolveSettings, Stop
-from core.nlp.solve import limits_of, never, solve
+from core.nlp.solve import limits_of, no_stop, solve
 
 __all__ = [
     "ExitStatus",
@@ -11,7 +11,7 @@ __all__ = [
     "SolveSettings",
     "Stop",
     "limits_of",
-    "never",
+    "no_stop",
     "outcome_of",
     "solve",
 ]

@@ -15,7 +15,7 @@ from core.transcription import Guess, Transcription
 Array = NDArray[np.float64]
 
 
-def never() -> bool:
+def no_stop() -> bool:
     """Return that no stop is asked for."""
     return False
 
@@ -24,7 +24,7 @@ def solve(
     transcription: Transcription,
     guess: Array | Guess,
     settings: SolveSettings | None = None,
-    stop: Stop = never,
+    stop: Stop = no_stop,
     deepen: Deepen | None = None,
 ) -> Outcome:
     """Solve P_k from a guess.

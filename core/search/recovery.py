@@ -8,7 +8,7 @@ the most mass it can.  docs/missed-thrust.md.
 import numpy as np
 from numpy.typing import NDArray
 
-from core.nlp import ExitStatus, Outcome, SolveSettings, Stop, never, solve
+from core.nlp import ExitStatus, Outcome, SolveSettings, Stop, no_stop, solve
 from core.nlp.feasibility import outcome_of
 from core.nlp.outcome import Limits
 from core.problem import Outage, Problem
@@ -36,7 +36,7 @@ def solve_recovery(
     problem_to: Problem,
     mapping: str = "aligned",
     settings: SolveSettings | None = None,
-    stop: Stop = never,
+    stop: Stop = no_stop,
     n_legs: int = DEFAULT_LEGS,
     tolerance: float = TOLERANCE,
 ) -> Outcome:
@@ -148,7 +148,7 @@ def solve_seed(
     problem_to: Problem,
     mapping: str = "continued",
     settings: SolveSettings | None = None,
-    stop: Stop = never,
+    stop: Stop = no_stop,
     n_legs: int = DEFAULT_LEGS,
     tolerance: float = TOLERANCE,
 ) -> Outcome:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from core.nlp import ExitStatus, Limits, SolveSettings, limits_of, never, outcome_of
+from core.nlp import ExitStatus, Limits, SolveSettings, limits_of, no_stop, outcome_of
 from tests.core.known import near, solution
 from tests.core.transcription.points import problem, transcription
 
@@ -18,7 +18,7 @@ CLOSED = {
 
 
 def judged(x, status):
-    limits = Limits(60.0, 100, never, iterations=7, evaluations=9)
+    limits = Limits(60.0, 100, no_stop, iterations=7, evaluations=9)
     return outcome_of(transcription(n_legs=10, tolerance=3e-10), x, status, limits)
 
 
@@ -40,7 +40,7 @@ def test_what_is_open_is_never_called_optimal(status):
 @pytest.mark.parametrize("k", [0, 2])
 def test_both_limits_grow_with_the_number_of_trajectories(k):
     asked = transcription(((12, 1.0), (24, 1.0))[:k])
-    limits = limits_of(asked, SolveSettings(cpu_seconds=5.0, max_iterations=70), never)
+    limits = limits_of(asked, SolveSettings(cpu_seconds=5.0, max_iterations=70), no_stop)
     assert (limits.cpu_budget, limits.iteration_budget) == (5.0 * (1 + k), 70 * (1 + k))
     assert problem(((12, 1.0), (24, 1.0))[:k]).k == k
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from core.nlp import Limits, never
+from core.nlp import Limits, no_stop
 from core.nlp.descent import (
     ATTEMPTS,
     CLOSED,
@@ -21,7 +21,7 @@ from tests.core.known import solution
 from tests.core.transcription.points import PRESET, problem
 
 
-def limits(iterations=3000, stop=never):
+def limits(iterations=3000, stop=no_stop):
     return Limits(60.0, iterations, stop)
 
 

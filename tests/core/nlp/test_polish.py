@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.analysis.stationarity import stationarity
-from core.nlp import Limits, never
+from core.nlp import Limits, no_stop
 from core.nlp.descent import node_scales
 from core.nlp.feasibility import close_finely
 from core.nlp.ipopt import _Callbacks, polish
@@ -24,7 +24,7 @@ def flown():
     return transcribe(PRESET, 20)
 
 
-def limits(iterations=3000, cpu=60.0, stop=never):
+def limits(iterations=3000, cpu=60.0, stop=no_stop):
     return Limits(cpu, iterations, stop)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from core.analysis.stationarity import stationarity
-from core.nlp import ExitStatus, Limits, SolveSettings, never, solve
+from core.nlp import ExitStatus, Limits, SolveSettings, no_stop, solve
 from core.nlp.robust import Robust
 from core.search import solve_seed
 from core.search.mapping import outage_profiles
@@ -136,7 +136,7 @@ def taken_apart(reference, segment, limits):
 
 
 def test_deepening_ends_with_the_budget_and_takes_nothing(reference):
-    limits = Limits(60.0, 5, never, iterations=5)
+    limits = Limits(60.0, 5, no_stop, iterations=5)
     robust, deepen = taken_apart(reference, 48, limits)
     before = robust.x.copy()
     assert not robust.close_together([0])
