@@ -3,8 +3,9 @@
 What is listed here is imported when it is asked for: whoever needs one module of core pays for no other.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from core.lazy import on_demand
 
 if TYPE_CHECKING:
     from core.nlp import ExitStatus, Outcome, SolveSettings, solve
@@ -56,13 +57,7 @@ _HOMES = {
     "verify": "verification.verify",
 }
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
-        raise AttributeError(f"module 'core' has no attribute {name!r}")
-    found = getattr(import_module(f"core.{_HOMES[name]}"), name)
-    globals()[name] = found
-    return found
+__getattr__ = on_demand(__name__, _HOMES)
 
 
 def __dir__() -> list[str]:

@@ -4,8 +4,9 @@ A name is imported when it is first asked for: whoever reads a specification nee
 light, while what flies arcs compiles them with numba.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from core.lazy import on_demand
 
 if TYPE_CHECKING:
     from core.search.guess_laws import sample_guess
@@ -52,26 +53,32 @@ __all__ = [
     "solve_seed",
 ]
 
-_HEAVY = {
-    "sample_guess": "guess_laws",
+_HOMES = {
+    "GUESS_LAWS": "settings",
+    "HOP_LAWS": "settings",
+    "MAPPINGS": "settings",
+    "REFINED": "settings",
     "Chain": "hopping",
     "ChainState": "hopping",
+    "HopAddress": "settings",
+    "HopLaw": "settings",
+    "HopSettings": "settings",
     "Incumbent": "hopping",
+    "check_mapping": "settings",
+    "draw_steps": "settings",
+    "expand_mapping": "settings",
     "hop": "hopping",
+    "hop_rng": "settings",
     "hop_times": "hopping",
     "is_better": "hopping",
     "map_seed": "mapping",
+    "refined_problem": "settings",
+    "sample_guess": "guess_laws",
     "solve_recovery": "recovery",
     "solve_seed": "recovery",
 }
 
-
-def __getattr__(name: str) -> Any:
-    if name not in __all__:
-        raise AttributeError(f"module 'core.search' has no attribute {name!r}")
-    found = getattr(import_module(f"core.search.{_HEAVY.get(name, 'settings')}"), name)
-    globals()[name] = found
-    return found
+__getattr__ = on_demand(__name__, _HOMES)
 
 
 def __dir__() -> list[str]:
