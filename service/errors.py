@@ -25,6 +25,8 @@ from service.store.errors import ConflictError, OtherClaimantError, StoreError, 
 from service.store.identity import RefusedTokenError
 from workers.messages import StaleAttemptError
 
+log = logging.getLogger(__name__)
+
 #: After which time a client should ask again for what is busy [s].
 BUSY_PAUSE_S = 10
 
@@ -40,8 +42,6 @@ class BodyError(ValueError):
         super().__init__(detail)
         self.status = status
 
-
-log = logging.getLogger(__name__)
 
 #: What every route may answer besides its own; goes into the OpenAPI document.
 REFUSALS: dict[int | str, dict[str, Any]] = {

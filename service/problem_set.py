@@ -56,6 +56,8 @@ from workers.certificate import CertificateContent, CertificateFile
 from workers.certify import certificate_of
 from workers.measure_solves import Solution
 
+Array = NDArray[np.float64]
+
 SET_FILE, TARGET_FILE = "set.toml", "target.bsp"
 PROBLEM_FILE, VECTOR_FILE, STATES_FILE, CERTIFICATE_FILE = (
     "problem.toml",
@@ -234,8 +236,6 @@ def _arrivals(content: CertificateContent) -> list[str]:
 def _masses(content: CertificateContent) -> list[float]:
     return [flown.mass.stated_arrival for flown in content.trajectories]
 
-
-Array = NDArray[np.float64]
 
 #: Samples per radian: a few in a segment, more where a trajectory turns quickly.
 SAMPLES_PER_RADIAN = 2.0

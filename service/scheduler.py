@@ -21,6 +21,8 @@ from service.spec import Spec
 from service.spec.search_spec import SearchSpec
 from service.spec.spec import Case, targets
 
+T = TypeVar("T")
+
 #: Chains that are kept ready in the queue, however large the budget is.
 CHAINS_AHEAD = 256
 #: Failures (crash, lost) after which a job is given up.
@@ -185,8 +187,6 @@ def after_failure(ending: str, n_failures: int) -> str:
         return "dead"
     return "dead" if n_failures >= MAX_FAILURES else "queued"
 
-
-T = TypeVar("T")
 
 #: Processor time that a solve of a search is taken to need before any has ended [s].
 FIRST_COST_S = 1.0

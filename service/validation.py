@@ -32,14 +32,14 @@ from core.transcription import Layout, checked_vector, layout_of
 from core.verification.verify import BOUND_SLACK, holds
 from workers.messages import KIND_NUMBERS, RESULTS, Ending, JobOutcome, Settings, SolveRecord, wall_limit_of
 
+Array = NDArray[np.float64]
+
 
 def solution_hash(problem_hash: str, x: Any) -> str:
     """Return the identity of a solution: its problem and every bit of its vector."""
     vector = np.ascontiguousarray(x, dtype="<f8")
     return hashlib.blake2b(bytes.fromhex(problem_hash) + vector.tobytes(), digest_size=16).hexdigest()
 
-
-Array = NDArray[np.float64]
 
 #: Figures are worked out again; other machines round otherwise, and epochs are kept to a millisecond.
 RELATIVE, EPOCH_S = 1e-9, 2e-3

@@ -1,1 +1,1 @@
-"""What a trajectory is worth: independent verification, metrics, and samples for pictures."""
+"""What trajectories and campaigns are worth: samples for figures, statistics, costs, and what outages do."""

@@ -1,6 +1,6 @@
-"""A solution taken away: its trajectories as states, and these as SPK, CCSDS OEM, CSV or NDJSON.
+"""A solution exported: its trajectories as states, and these as SPK, CCSDS OEM, CSV or NDJSON.
 
-`states` flies the reference and every realization, `spk`, `oem` and `table` write one format each.
+`states` propagates the reference and every realization and writes tables; `spk` and `oem` write one format.
 """
 
 from core.export.oem import oem_lines

@@ -1,6 +1,6 @@
-"""How a solve is asked for, and what it returns.
+"""How a solve is asked for and what it returns, and the work that it may still do.
 
-How much work a solve may still do: iterations, CPU time, and a caller who may ask it to stop.
+Limits are iterations, CPU time, and a caller who may ask it to stop.
 """
 
 import resource

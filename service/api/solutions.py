@@ -39,6 +39,8 @@ from service.store.filters import Begin, Filter, Order, Sort
 from service.store.store import Store
 from workers.certificate import CertificateDocument
 
+router = APIRouter(tags=["solutions"])
+
 
 def _filter(wanted: Annotated[Filter, Query()]) -> Filter:
     # Of its own, since parameters are taken from the fields of a model where it is the only one.
@@ -47,8 +49,6 @@ def _filter(wanted: Annotated[Filter, Query()]) -> Filter:
 
 FilterWanted = Annotated[Filter, Depends(_filter)]
 
-
-router = APIRouter(tags=["solutions"])
 
 #: Points that a page can draw.
 MOST_POINTS = 5000

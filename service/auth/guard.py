@@ -59,6 +59,8 @@ from service.schemas.identity import Role
 from service.store.identity import COOKIE, OWNER, Identity, RefusedTokenError
 from service.store.store import Store
 
+log = logging.getLogger(__name__)
+
 #: Clients that are remembered; the one seen longest ago is forgotten first.
 MAX_CLIENTS = 10_000
 #: How long a request waits for its turn [s].
@@ -130,8 +132,6 @@ class Turns:
         """End a turn."""
         self._turns.release()
 
-
-log = logging.getLogger(__name__)
 
 #: Requests of nobody that are written down: enough to see an attack, too few to fill a disk.
 NOBODYS_AUDIT_PER_S, NOBODYS_AUDIT_BURST = 0.1, 100

@@ -33,6 +33,8 @@ from service.db.errors import (
 from service.db.tables import SCHEMA_VERSION
 from workers.patience import Outage
 
+T = TypeVar("T")
+
 FILE_NAME = "coastarc.db"
 #: The URL itself, or the file that holds it, as secrets are mounted in containers.
 URL_VARIABLE = "COASTARC_DATABASE_URL"
@@ -110,9 +112,6 @@ class WriteTimes:
         """Return the writes per class, those above the last one at the end; their seconds; the faults."""
         with self._lock:
             return list(self._counts), self._seconds, self._n_faults
-
-
-T = TypeVar("T")
 
 
 class Moment(Enum):

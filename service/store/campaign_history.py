@@ -39,6 +39,8 @@ from service.store.campaigns import Numbers, campaigns_in_numbers, eta_seconds, 
 from service.store.errors import UnknownRowError
 from service.store.statistics import summed
 
+T = TypeVar("T")
+
 #: Feasible at the strict tolerance, at the paper's alone, or not, and then why not.
 OUTCOMES = ("strict", "paper", "infeasible", "timeout", "numerical")
 
@@ -211,8 +213,6 @@ class History:
         window = min(RATE_WINDOW_S, max(now - self.bins.start, 1.0))
         return 60.0 * sum(self._recent.values()) / window
 
-
-T = TypeVar("T")
 
 #: Solves read at once, and how long one question reads [s].
 CHUNK, PATIENCE_S = 10_000, 0.1

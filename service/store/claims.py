@@ -1,6 +1,6 @@
-"""Handing out jobs: whose turn it is, and the lease that begins.
+"""Jobs claimed: whose turn it is, the lease that begins, and the attempt that still holds a job.
 
-An attempt that still holds its job, with all that taking back its outcome needs, read at once.
+A locked attempt is read at once with all that recording its outcome needs.
 """
 
 from collections.abc import Iterator, Sequence

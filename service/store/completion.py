@@ -1,6 +1,6 @@
-"""Taking back outcomes behind the fence: what follows from one is stored with it or not at all.
+"""Outcomes recorded under fencing tokens: what follows from one is stored with it or not at all.
 
-Solves, solutions and the links to their seeds; a new solution plans the jobs that it seeds.
+That are solves, solutions and the links to their seeds, and the jobs that a new solution seeds.
 """
 
 import logging
@@ -59,6 +59,8 @@ from workers.messages import (
     StaleAttemptError,
     job_digest,
 )
+
+log = logging.getLogger(__name__)
 
 #: The searches that take the seeds of one, with their campaigns.
 _FED = (
@@ -215,7 +217,6 @@ FAILURES = (Ending.CRASH, Ending.LOST)
 #: Endings of attempts whose own result may come yet: nobody heard of it, or its report was refused.
 UNHEARD = (Ending.LOST, Ending.ERROR)
 
-log = logging.getLogger(__name__)
 
 _SEARCH = plain(SearchRow).c
 _CHARGE = (

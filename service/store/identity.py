@@ -27,6 +27,8 @@ from service.db.tables import AuditRow, SessionRow, TokenRow
 from service.schemas.identity import AuditPage, AuditView, NewToken, Role, TokenView
 from service.store.errors import ConflictError, StoreError, UnknownRowError
 
+log = logging.getLogger(__name__)
+
 #: Name of the cookie that holds a session.
 COOKIE = "coastarc_session"
 _WRITTEN = re.compile(r"coastarc_([0-9a-f]{12})_([A-Za-z0-9_-]{43})")
@@ -80,8 +82,6 @@ def is_secret_of(secret: str, stored: str) -> bool:
     """Return whether a secret belongs to a stored hash, in a time that tells nothing about either."""
     return hmac.compare_digest(hashed(secret), stored)
 
-
-log = logging.getLogger(__name__)
 
 DAY_S = 86400.0
 #: How long a browser stays signed in, if its token lives that long [s].
