@@ -7,17 +7,15 @@ from core.analysis.campaign_facts import SolveFacts
 from core.analysis.campaign_statistics import Summary, grouped, solutions
 from core.analysis.comparison import Comparison, PairedChange, compared, paired_change
 from core.analysis.cumulative_cost import Cumulative, seed_chains
-from core.analysis.metrics import Estimate
 from service.report.page import Picture, Section
-from service.report.paper.values import PaperValue, paper_value
 from service.report.plots import (
     LEAST_FOR_BOX,
+    Chart,
     Row,
     Sample,
     Series,
     boxes,
     duration_label,
-    forest,
     in_seconds,
     mean_of,
     number,
@@ -26,8 +24,8 @@ from service.report.plots import (
     strategy_key,
 )
 from service.report.strategies import Groups, Key, Tally, labelled, tally_of
-from service.report.style import BLUE, GREEN, ORANGE
-from service.report.tables import AS_GIVEN, DERIVED, READ, Cell, Column, Table
+from service.report.style import BLUE, GREEN
+from service.report.tables import Cell, Column, Table
 
 COLUMNS = (
     Column("seed chain", "seed_chain"),
@@ -37,12 +35,9 @@ COLUMNS = (
     Column("core-s, added", "core_seconds_added"),
     Column("core-s, full", "core_seconds_full"),
     Column("core-s, seeds shared", "core_seconds_shared"),
-    Column("ratio, %", "published_ratio_percent", source=DERIVED),
-    Column("core-h, added", "published_hours_added", AS_GIVEN, READ),
-    Column("core-h, full", "published_hours_full", source=DERIVED),
 )
 DEFINITIONS = (
-    "The paper multiplies the ratios along a seed chain and adds the hours per solution. But a conditional "
+    "Added: the ratios along a seed chain multiplied, the hours per solution summed. But a conditional "
     "solution needs 1/ratio solves, each with a seed of its own: the full cost counts them all. Where seeds "
     "serve several cases or mappings, each can be paid once: seeds shared."
 )
@@ -55,95 +50,69 @@ def cumulative_section(groups: Groups) -> Section:
         (_labelled(one) for one in seed_chains(groups.findings, "paper", by=by)),
         key=lambda one: (*strategy_key(one.strategy), one.chain),
     )
+    beside = groups.beside
+    charts = (_ratios(chains), _times(chains))
     return Section(
         "cumulative",
         "With the seeds' cost",
-        (DEFINITIONS,),
-        (_table(chains),),
-        (_ratios(chains), _times(chains)),
+        (DEFINITIONS + beside.sentence("cumulative"),),
+        (beside.join_table(_table(chains), chains),),
+        tuple(beside.join_chart(chart, chains).picture() for chart in charts),
     )
 
 
 def _labelled(one: Cumulative) -> Cumulative:
-    """Return a chain whose last strategy names its mapping, where that is not the paper's."""
+    """Return a chain whose last strategy names its mapping, where that is not the default."""
     label = labelled(one.strategy, one.mapping)
     return replace(one, strategy=label, chain=label + one.chain.removeprefix(one.strategy))
-
-
-def _paper(one: Cumulative) -> PaperValue | None:
-    return paper_value(one.strategy, one.duration_days or 0.0)
 
 
 def _table(chains: Sequence[Cumulative]) -> Table:
     rows = []
     for one in chains:
-        ours: tuple[Cell, ...] = (one.chain.replace("<-", "←"), one.search, one.duration_days or None)
+        head: tuple[Cell, ...] = (one.chain.replace("<-", "←"), one.search, one.duration_days or None)
         costs = (in_seconds(one.hours), in_seconds(one.full_hours), in_seconds(one.shared_hours))
-        rows.append((*ours, percent(one.ratio), *costs, *_paper_cells(_paper(one))))
+        rows.append((*head, percent(one.ratio), *costs))
     caption = (
-        "Each search at the paper's tolerance, the searches that its seeds come from at the one at which it "
+        "Each search at the loose tolerance, the searches that its seeds come from at the one at which it "
         "takes seeds; CPU time per solution. "
         "Intervals, 95 %, combine the Wilson intervals of the ratios along the seed chain."
     )
     return Table("cumulative", "Seed chains", caption, COLUMNS, tuple(rows))
 
 
-def _paper_cells(paper: PaperValue | None) -> tuple[Cell, ...]:
-    if paper is None:
-        return (None,) * 3
-    added = paper.cumulative_hours.value if paper.cumulative_hours else None
-    return percent(paper.cumulative_ratio), added, paper.full_hours
-
-
 def _label(one: Cumulative) -> str:
     return one.chain.replace(" <- ", "←")
 
 
-def _ratios(chains: Sequence[Cumulative]) -> Picture:
-    series = (Series("ours", BLUE), Series("paper", ORANGE, "D", is_filled=False))
+def _ratios(chains: Sequence[Cumulative]) -> Chart:
+    rows = [Row(_label(one), duration_label(one.duration_days), (percent(one.ratio),)) for one in chains]
+    caption = (
+        f"Product of the ratios along a seed chain, {len(chains)} searches and durations, at the loose "
+        "tolerance, logarithmic. Intervals, 95 %, combine the Wilson intervals of the ratios."
+    )
+    series = (Series("this campaign", BLUE),)
+    label = "product of the ratios, %"
+    return Chart("cumulative-ratio", "Cumulative ratio", caption, label, series, rows)
+
+
+def _times(chains: Sequence[Cumulative]) -> Chart:
+    series = (Series("added", BLUE), Series("full", GREEN, "s"))
     rows = [
         Row(
             _label(one),
             duration_label(one.duration_days),
-            (percent(one.ratio), None if (paper := _paper(one)) is None else percent(paper.cumulative_ratio)),
+            (in_seconds(one.hours), in_seconds(one.full_hours)),
         )
         for one in chains
     ]
     caption = (
-        f"Product of the ratios along a seed chain, {len(chains)} searches and durations, at the paper's "
-        "tolerance, logarithmic. Intervals, 95 %, combine the Wilson intervals of the ratios. The paper's "
-        "are computed from its counts."
+        f"Core-time per solution along a seed chain, {len(chains)} searches and durations, at the loose "
+        "tolerance, logarithmic: hours per solution added, and in full, with 1/ratio seeds per solution. "
+        "Intervals, 95 %, combine the Wilson intervals of the ratios."
     )
-    figure = forest(rows, series, "product of the ratios, %", is_time=False)
-    return Picture("cumulative-ratio", "Cumulative ratio", caption, figure)
-
-
-def _times(chains: Sequence[Cumulative]) -> Picture:
-    series = (
-        Series("ours, added", BLUE),
-        Series("ours, full", GREEN, "s"),
-        Series("paper, added", ORANGE, "D", is_filled=False),
-        Series("paper, full", ORANGE, "s", is_filled=False),
-    )
-    rows = [
-        Row(_label(one), duration_label(one.duration_days), (*_seconds(one), *_seconds(_paper(one))))
-        for one in chains
-    ]
-    caption = (
-        f"Core-time per solution along a seed chain, {len(chains)} searches and durations, at the paper's "
-        "tolerance, logarithmic: hours per solution added as in the paper's figure 17, and in full, with "
-        "1/ratio seeds per solution. Intervals, 95 %, combine the Wilson intervals of the ratios. The "
-        "paper's are computed from its counts."
-    )
-    figure = forest(rows, series, "core-time per solution", is_time=True)
-    return Picture("cumulative-time", "Cumulative time", caption, figure)
-
-
-def _seconds(one: Cumulative | PaperValue | None) -> tuple[Estimate | None, Estimate | None]:
-    if one is None:
-        return None, None
-    added = one.hours if isinstance(one, Cumulative) else one.summed_hours
-    return in_seconds(added), in_seconds(one.full_hours)
+    label = "core-time per solution"
+    return Chart("cumulative-time", "Cumulative time", caption, label, series, rows, is_time=True)
 
 
 TUKEY = (
@@ -156,14 +125,15 @@ def delta_v_section(groups: Groups) -> Section:
     """Return means, and box plots for each number of outages that has solutions."""
     found = list(groups.summaries.values())
     robust = sorted({strategy_key(one.strategy or "")[0] for one in found if one.n_strict} - {0})
+    paragraph = (
+        "Delta-v in total is counted from the wet mass, and so includes a spiral before the departure. Only "
+        "strict solutions count."
+    )
     return Section(
         "delta-v",
         "Delta-v",
-        (
-            "Delta-v in total includes the spiral, as in the paper: 3.252 km/s there, 3.242 km/s with the "
-            "flagship's departure here. Only strict solutions count.",
-        ),
-        (_means(found),),
+        (paragraph + groups.beside.sentence("delta-v"),),
+        (groups.beside.join_table(_means(found), found),),
         tuple(_boxes(groups, k) for k in robust),
     )
 
@@ -172,53 +142,42 @@ def _means(groups: Sequence[Summary]) -> Table:
     columns = (
         Column("strategy", "strategy"),
         Column("outage, days", "duration_days", 1),
-        Column("solutions, strict", "n_strict"),
+        Column("strict solutions", "n_strict"),
         Column("least, transfer, km/s", "least_delta_v_km_s", 3),
         Column("median, transfer, km/s", "median_delta_v_km_s", 3),
         Column("mean, transfer, km/s", "mean_delta_v_km_s", 3),
         Column("mean, total, km/s", "mean_delta_v_total_km_s", 3),
         Column("least propellant, kg", "least_propellant_kg", 1),
-        Column("mean, total, km/s", "published_mean_delta_v_total_km_s", 3, READ),
     )
-    rows: list[tuple[Cell, ...]] = []
-    for one in groups:
-        paper = paper_value(one.strategy or "", one.duration_days or 0.0)
-        rows.append(
-            (
-                one.strategy,
-                one.duration_days or None,
-                one.n_strict,
-                number(one.delta_v_km_s.least),
-                number(one.delta_v_km_s.median),
-                mean_of(one.delta_v_km_s),
-                mean_of(one.delta_v_total_km_s),
-                number(one.propellant_kg.least),
-                None if paper is None else paper.mean_delta_v_total_km_s.value,
-            )
+    rows = tuple(
+        (
+            one.strategy,
+            one.duration_days or None,
+            one.n_strict,
+            *(number(one.delta_v_km_s.least), number(one.delta_v_km_s.median)),
+            *(mean_of(one.delta_v_km_s), mean_of(one.delta_v_total_km_s)),
+            number(one.propellant_kg.least),
         )
-    caption = (
-        "Strict solutions. Intervals of means are Student's, 95 %. The paper's means are read from its "
-        "figures 10 to 13, to 0.003 km/s, and hold solutions at its own tolerance."
+        for one in groups
     )
-    return Table("delta-v", "Means and extremes", caption, columns, tuple(rows))
+    caption = "Strict solutions. Intervals of means are Student's, 95 %."
+    return Table("delta-v", "Means and extremes", caption, columns, rows)
 
 
 def _boxes(groups: Groups, k: int) -> Picture:
+    shown = [key for key in groups.solves if strategy_key(key[0])[0] in (0, k)]
     samples = []
-    for (strategy, days), solves in groups.solves.items():
-        if strategy_key(strategy)[0] not in (0, k):
-            continue
-        found = solutions(solves, "strict")
+    for key in shown:
+        found = solutions(groups.solves[key], "strict")
         values = tuple(one.delta_v_total_km_s for one in found if one.delta_v_total_km_s is not None)
-        paper = paper_value(strategy, days or 0.0)
-        mean = None if paper is None else paper.mean_delta_v_total_km_s.value
-        samples.append(Sample(strategy, duration_label(days), values, mean))
+        samples.append(Sample(key[0], duration_label(key[1]), values))
     n = sum(len(sample.values) for sample in samples)
     caption = (
         f"Total delta-v of strict solutions of P_{k} by strategy and duration of the outages, S(0) above "
-        f"them where there is one, n = {n:,}. {TUKEY} The paper's means are read from its figures 10 to 13."
+        f"them where there is one, n = {n:,}. {TUKEY}{groups.beside.sentence('delta-v-boxes')}"
     )
-    figure = boxes(samples, "delta-v with the spiral, km/s", resolution=0.002)
+    beside = groups.beside.join_samples(samples, [groups.summaries[key] for key in shown])
+    figure = boxes(beside, "total delta-v, km/s", resolution=0.002)
     return Picture(f"delta-v-p{k}", f"Delta-v for P_{k}", caption, figure)
 
 
@@ -289,8 +248,8 @@ def _changes_picture(groups: Groups, keys: Sequence[Key]) -> Picture:
         samples.append(Sample(strategy, duration_label(days), tuple(pairs)))
     n = sum(len(sample.values) for sample in samples)
     caption = (
-        f"Propellant of each strict solution minus that of its seed, n = {n:,} pairs. {TUKEY} The paper "
-        "does not pair its solutions."
+        f"Propellant of each strict solution minus that of its seed, n = {n:,} pairs. "
+        f"{TUKEY}{groups.beside.sentence('changes')}"
     )
     figure = boxes(samples, "change of propellant, kg", resolution=0.5, zero_line=True)
     return Picture("paired-changes", "Change of propellant", caption, figure)
@@ -323,8 +282,8 @@ def mappings_section(groups: Groups) -> Section | None:
         title = "Mappings against each other"
         tables.append(_tests("mapping-tests", title, "One family of tests for each strategy.", tests))
     paragraph = (
-        "The same seeds, made into guesses by different rules: all durations together. The paper uses the "
-        "mapping called reference alone."
+        "The same seeds, made into guesses by different rules: all durations together."
+        + groups.beside.sentence("mappings")
     )
     return Section("mappings", "Mappings", (paragraph,), tuple(tables), (_picture(found),))
 
@@ -334,7 +293,7 @@ def _mappings(groups: Sequence[tuple[str, str, Tally]]) -> Table:
         Column("strategy", "strategy"),
         Column("mapping", "mapping"),
         Column("solves", "n_solves"),
-        Column("ratio, %", "paper_ratio_percent"),
+        Column("ratio, %, loose", "paper_ratio_percent"),
         Column("ratio, %, strict", "strict_ratio_percent"),
         Column("core-s per strict solution", "core_seconds_per_strict"),
         Column("mean delta-v, transfer, km/s", "mean_delta_v_km_s", 3),
@@ -357,7 +316,7 @@ def _mappings(groups: Sequence[tuple[str, str, Tally]]) -> Table:
 
 
 def _picture(groups: Sequence[tuple[str, str, Tally]]) -> Picture:
-    series = (Series("paper's tolerance", BLUE), Series("strict", GREEN, "s"))
+    series = (Series("loose", BLUE), Series("strict", GREEN, "s"))
     rows = [
         Row(strategy, mapping, (percent(one.paper_ratio), percent(one.strict_ratio)))
         for strategy, mapping, one in groups
@@ -367,9 +326,7 @@ def _picture(groups: Sequence[tuple[str, str, Tally]]) -> Picture:
         f"Feasible solutions per solve by strategy and mapping, all durations together, n = {n:,} solves, "
         "logarithmic. Intervals are Wilson's, 95 %. A line without a mark: no solution so far."
     )
-    return Picture(
-        "mappings", "Ratio by mapping", caption, forest(rows, series, "feasible solves, %", is_time=False)
-    )
+    return Chart("mappings", "Ratio by mapping", caption, "feasible solves, %", series, rows).picture()
 
 
 def comparisons_section(groups: Groups) -> Section | None:

@@ -14,8 +14,7 @@ from service.report.tables import Table
 
 FOOT = (
     "Made by coastarc from the archive alone: no solution was flown or solved again. Intervals of ratios are "
-    "Wilson's, 95 %. Values of the paper are those of A. Sinha and R. Beeson, arXiv 2501.06694; those read "
-    "from a figure are good to half a percent of a ratio and 0.003 km/s."
+    "Wilson's, 95 %."
 )
 
 
@@ -57,6 +56,8 @@ class Head:
     name: str
     facts: tuple[Fact, ...]
     notices: tuple[str, ...]
+    #: Where published values come from, for the foot of the page.
+    source: str = ""
 
 
 def page(head: Head, sections: Sequence[Section], svgs: dict[str, str]) -> str:
@@ -81,7 +82,7 @@ def page(head: Head, sections: Sequence[Section], svgs: dict[str, str]) -> str:
         for section in sections
     ]
     css = Markup((files("service.report") / "templates" / "report.css").read_text(encoding="utf-8"))
-    text: str = _template().render(head=head, sections=shown, css=css, foot=FOOT)
+    text: str = _template().render(head=head, sections=shown, css=css, foot=f"{FOOT} {head.source}".rstrip())
     return text
 
 

@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from core.analysis.metrics import Estimate, Ratio, Spread
+from service.report.page import Picture
 from service.report.style import BAND, BLUE, GAP, INK, ORANGE, SOFT, new_figure
 from service.report.tables import significant
 
@@ -24,12 +25,12 @@ LEAST_FOR_BOX = 5
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One row: its values, and the paper's mean where there is one."""
+    """One row: its values, and a published mean where there is one."""
 
     group: str
     label: str
     values: tuple[float, ...]
-    paper_mean: float | None = None
+    published_mean: float | None = None
 
 
 def boxes(samples: Sequence[Sample], label: str, resolution: float, zero_line: bool = False) -> Figure:
@@ -70,13 +71,15 @@ def _box(axes: Axes, place: float, values: np.ndarray, resolution: float) -> Non
 
 def _means(axes: Axes, samples: Sequence[Sample]) -> None:
     ours = [(float(np.mean(one.values)), place) for place, one in enumerate(samples) if one.values]
-    paper = [(one.paper_mean, place) for place, one in enumerate(samples) if one.paper_mean is not None]
-    for found, style in ((ours, OUR_MEAN), (paper, PAPER_MEAN)):
+    published = [
+        (one.published_mean, place) for place, one in enumerate(samples) if one.published_mean is not None
+    ]
+    for found, style in ((ours, OUR_MEAN), (published, PUBLISHED_MEAN)):
         axes.plot([x for x, _ in found], [y for _, y in found], linestyle="none", zorder=4, **style)
 
 
 OUR_MEAN: dict[str, Any] = {"marker": "x", "color": INK, "markersize": 5.0, "markeredgewidth": 1.4}
-PAPER_MEAN: dict[str, Any] = {
+PUBLISHED_MEAN: dict[str, Any] = {
     "marker": "D",
     "color": ORANGE,
     "markerfacecolor": "none",
@@ -90,8 +93,8 @@ def _legend(samples: Sequence[Sample]) -> list[Line2D]:
         Line2D([], [], color=BLUE, linewidth=2.4, label="median, quartiles, whiskers"),
         Line2D([], [], linestyle="none", label="mean", **OUR_MEAN),
     ]
-    if any(sample.paper_mean is not None for sample in samples):
-        handles.append(Line2D([], [], linestyle="none", label="paper's mean", **PAPER_MEAN))
+    if any(sample.published_mean is not None for sample in samples):
+        handles.append(Line2D([], [], linestyle="none", label="published mean", **PUBLISHED_MEAN))
     return handles
 
 
@@ -145,6 +148,25 @@ class Row:
     group: str
     label: str
     marks: tuple[Estimate | None, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Chart:
+    """A forest plot before it is drawn."""
+
+    name: str
+    title: str
+    caption: str
+    #: Of the horizontal axis.
+    label: str
+    series: Sequence[Series]
+    rows: Sequence[Row]
+    is_time: bool = False
+
+    def picture(self) -> Picture:
+        """Draw the plot."""
+        figure = forest(self.rows, self.series, self.label, self.is_time)
+        return Picture(self.name, self.title, self.caption, figure)
 
 
 def forest(rows: Sequence[Row], series: Sequence[Series], label: str, is_time: bool) -> Figure:

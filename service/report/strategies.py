@@ -17,38 +17,40 @@ from core.analysis.campaign_statistics import (
     solutions,
     summarized,
 )
-from core.analysis.metrics import Estimate, Ratio, Spread, feasibility_ratio, spread
-from service.report.page import Picture, Section
-from service.report.paper.values import PaperValue, paper_value
+from core.analysis.metrics import Ratio, Spread, feasibility_ratio, spread
+from service.report.beside import Beside
+from service.report.page import Section
 from service.report.plots import (
     SECONDS_PER_HOUR,
+    Chart,
     Row,
     Series,
     duration_label,
-    forest,
     number,
     percent,
     seconds_per_solution,
     strategy_key,
 )
-from service.report.style import BLUE, GREEN, ORANGE
-from service.report.tables import AS_GIVEN, DERIVED, SOURCES, Cell, Column, Table
+from service.report.style import BLUE, GREEN
+from service.report.tables import Cell, Column, Table
 
 #: Strategy with its mapping, and duration of the outages [days], None where a case mixes durations.
 Key = tuple[str, float | None]
-#: The mapping of the paper: a strategy without further words uses it.
-PAPERS_MAPPING = "reference"
+#: A strategy without further words uses this mapping, the default of a specification.
+DEFAULT_MAPPING = "reference"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Groups:
-    """Everything that several sections ask for."""
+    """What several sections need."""
 
     findings: Findings
     #: By number of outages, then without seeds first, then by duration; solves in order of address.
     solves: Mapping[Key, Sequence[SolveFacts]]
     #: Of the same groups, at the strict tolerance.
     summaries: Mapping[Key, Summary]
+    #: Published values to show beside them.
+    beside: Beside
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,23 +84,23 @@ def tally_of(solves: Sequence[SolveFacts]) -> Tally:
     )
 
 
-def groups_of(facts: CampaignFacts) -> Groups:
+def groups_of(facts: CampaignFacts, beside: Beside) -> Groups:
     """Return the groups of a campaign."""
     findings = findings_of(facts)
     solves = _by_strategy(facts.solves)
     summaries = {key: replace(summarized(findings, group), strategy=key[0]) for key, group in solves.items()}
-    return Groups(findings, solves, summaries)
+    return Groups(findings, solves, summaries, beside)
 
 
 def labelled(strategy: str, mapping: str | None) -> str:
-    """Return a strategy with the form of its mapping, unless that is the paper's own.
+    """Return a strategy with the form of its mapping, unless that is the default.
 
-    What the paper did not do has another name than what it did, and gets none of its numbers.
+    Published values belong to the default, so that other mappings must not share its name.
     """
-    if mapping is None or mapping == PAPERS_MAPPING:
+    if mapping is None or mapping == DEFAULT_MAPPING:
         return strategy
     form, _, sources = mapping.partition("(")
-    return f"{strategy} {form}{' from realizations' if sources and form == PAPERS_MAPPING else ''}"
+    return f"{strategy} {form}{' from realizations' if sources and form == DEFAULT_MAPPING else ''}"
 
 
 def _by_strategy(solves: Iterable[SolveFacts]) -> dict[Key, list[SolveFacts]]:
@@ -124,59 +126,43 @@ def strategies_section(groups: Groups) -> Section:
     drawn = [one for one in found if "|" not in (one.strategy or "")]
     seeded = [one for one in found if "|" in (one.strategy or "")]
     tables = []
-    if drawn:
-        tables += [_ratio_table(drawn, "non-conditional"), _cost_table(drawn, "non-conditional")]
+    for kind, some in (("non-conditional", drawn), ("conditional", seeded)):
+        if some:
+            both = (_ratio_table(some, kind), _cost_table(some, kind))
+            tables += [groups.beside.join_table(table, some) for table in both]
     if seeded:
-        tables += [_ratio_table(seeded, "conditional"), _cost_table(seeded, "conditional")]
         tables.append(_yields(seed_yields(groups.findings.facts.solves)))
+    charts = (_ratios(found), _times(found))
     return Section(
         "strategies",
         "Feasibility and time",
         (
-            "Every solve started counts as a guess, failures included. The paper's tolerance is 1 km, 100 "
-            "m/s and 1 kg, the strict one 0.1 km, 0.1 m/s and 10 g; both are judged by a second, "
-            "independent flight.",
+            "Every solve started counts as a guess, failures included. The loose tolerance is 1 km, 100 m/s "
+            "and 1 kg, the strict one 0.1 km, 0.1 m/s and 10 g; an independent propagation checks both.",
         ),
         tuple(tables),
-        (_ratios(found), _times(found)),
+        tuple(groups.beside.join_chart(chart, found).picture() for chart in charts),
     )
 
 
-#: What the two kinds of strategies are called, and where the paper has them.
 KINDS = {
-    "non-conditional": ("Non-conditional: guesses are drawn", "Table 8", "Table 8"),
-    "conditional": ("Conditional: guesses are mapped from seeds", "figure 14", "figure 15"),
+    "non-conditional": "Non-conditional: guesses are drawn",
+    "conditional": "Conditional: guesses are mapped from seeds",
 }
 
 
 def _ratio_table(groups: Sequence[Summary], kind: str) -> Table:
-    title, source, _ = KINDS[kind]
-    papers = [paper_of(one) for one in groups]
-    known = next((paper for paper in papers if paper is not None), None)
     columns = (
         Column("strategy", "strategy"),
         Column("outage, days", "duration_days", 1),
         Column("cases", "n_cases"),
         Column("solves", "n_solves"),
-        Column("solutions, strict", "n_strict"),
+        Column("strict solutions", "n_strict"),
         Column("ratio, %, strict", "strict_ratio_percent"),
-        Column("solutions, paper's tolerance", "n_paper"),
-        Column("ratio, %, paper's tolerance", "paper_ratio_percent"),
-        Column("ratio, %", "published_ratio_percent", AS_GIVEN, SOURCES[known.ratio.mark] if known else None),
-        Column(
-            "solutions", "published_n_solutions", None, SOURCES[known.n_solutions_mark] if known else None
-        ),
-        Column("solves", "published_n_solves", None, DERIVED),
+        Column("loose solutions", "n_paper"),
+        Column("ratio, %, loose", "paper_ratio_percent"),
     )
-    rows = tuple(
-        (*_ratio_cells(one), *_paper_cells(paper)) for one, paper in zip(groups, papers, strict=True)
-    )
-    caption = (
-        f"Ours beside the paper's {source}, all its cases together. {INTERVALS} The paper prints no "
-        "numbers of guesses: these reproduce all its digits, and its intervals are computed from them."
-    )
-    n_shown = len(columns) if known else len(columns) - 3
-    return Table(kind, title, caption, columns[:n_shown], tuple(row[:n_shown] for row in rows))
+    return Table(kind, KINDS[kind], INTERVALS, columns, tuple(_ratio_cells(one) for one in groups))
 
 
 def _ratio_cells(one: Summary) -> tuple[Cell, ...]:
@@ -189,16 +175,7 @@ def _ratio_cells(one: Summary) -> tuple[Cell, ...]:
     )
 
 
-def _paper_cells(paper: PaperValue | None) -> tuple[Cell, ...]:
-    if paper is None:
-        return (None,) * 3
-    return _paper_percent(paper), paper.n_solutions, paper.n_guesses
-
-
 def _cost_table(groups: Sequence[Summary], kind: str) -> Table:
-    _, _, source = KINDS[kind]
-    papers = [paper_of(one) for one in groups]
-    known = next((paper for paper in papers if paper is not None), None)
     columns = (
         Column("strategy", "strategy"),
         Column("outage, days", "duration_days", 1),
@@ -206,23 +183,15 @@ def _cost_table(groups: Sequence[Summary], kind: str) -> Table:
         Column("distinct per core-hour", "distinct_per_core_hour"),
         Column("core-s per strict solution", "core_seconds_per_strict"),
         Column("core-s at the cap, same", "cap_seconds_per_strict"),
-        Column("core-s per solution, paper's tolerance", "core_seconds_per_paper"),
-        Column("h by the paper's charge, same", "charged_hours_per_paper"),
-        Column("h", "published_hours", AS_GIVEN, SOURCES[known.hours_per_solution.mark] if known else None),
-    )
-    rows = tuple(
-        (*_cost_cells(one), None if paper is None else paper.hours_per_solution.value)
-        for one, paper in zip(groups, papers, strict=True)
+        Column("core-s per loose solution", "core_seconds_per_paper"),
     )
     caption = (
-        "Core-seconds are the CPU time of all solves, failures included; at the cap, what they were "
-        f"allowed; the paper's charge is 0.5 h (1 + k) per guess, whatever was used, as in its {source}. "
+        "Core-seconds are the CPU time of all solves, failures included; at the cap, what they were allowed. "
         "Intervals follow from those of the ratios. Distinct: strict solutions whose references differ, "
         "counted within each case."
     )
-    n_shown = len(columns) if known else len(columns) - 1
-    shown = tuple(row[:n_shown] for row in rows)
-    return Table(f"{kind}-cost", "What a solution costs", caption, columns[:n_shown], shown)
+    rows = tuple(_cost_cells(one) for one in groups)
+    return Table(f"{kind}-cost", "What a solution costs", caption, columns, rows)
 
 
 def _cost_cells(one: Summary) -> tuple[Cell, ...]:
@@ -233,18 +202,7 @@ def _cost_cells(one: Summary) -> tuple[Cell, ...]:
         seconds_per_solution(one.cost.core_hours, one.n_solves, one.strict_ratio),
         number(one.cost_per_strict.cap_hours * SECONDS_PER_HOUR),
         seconds_per_solution(one.cost.core_hours, one.n_solves, one.paper_ratio),
-        number(one.cost_per_paper.charged_hours),
     )
-
-
-def paper_of(one: Summary) -> PaperValue | None:
-    """Return what the paper has for a group, if anything."""
-    return None if one.strategy is None else paper_value(one.strategy, one.duration_days or 0.0)
-
-
-def _paper_percent(paper: PaperValue) -> Estimate:
-    _, low, high = paper.ratio_interval
-    return Estimate(round(100.0 * paper.ratio.value, 6), 100.0 * low, 100.0 * high)
 
 
 def _yields(found: Sequence[SeedYield]) -> Table:
@@ -253,7 +211,7 @@ def _yields(found: Sequence[SeedYield]) -> Table:
         Column("target", "target"),
         Column("seeds used", "n_seeds"),
         Column("solves", "n_solves"),
-        Column("solutions, strict", "n_strict"),
+        Column("strict solutions", "n_strict"),
         Column("ratio, %, strict", "strict_ratio_percent"),
         Column("core-s per strict solution", "core_seconds_per_strict"),
     )
@@ -271,66 +229,45 @@ def _yields(found: Sequence[SeedYield]) -> Table:
     return Table("seed-yields", "Seeds and targets", caption, columns, rows)
 
 
-SERIES = (
-    Series("ours, paper's tolerance", BLUE),
-    Series("ours, strict", GREEN, "s"),
-    Series("paper", ORANGE, "D", is_filled=False),
-)
-
-
-def _ratios(groups: Sequence[Summary]) -> Picture:
-    rows = []
-    for one in groups:
-        paper = paper_of(one)
-        marks = (
-            percent(one.paper_ratio),
-            percent(one.strict_ratio),
-            None if paper is None else _paper_percent(paper),
+def _ratios(groups: Sequence[Summary]) -> Chart:
+    rows = [
+        Row(
+            one.strategy or "",
+            duration_label(one.duration_days),
+            (percent(one.paper_ratio), percent(one.strict_ratio)),
         )
-        rows.append(Row(one.strategy or "", duration_label(one.duration_days), marks))
+        for one in groups
+    ]
+    series = (Series("loose", BLUE), Series("strict", GREEN, "s"))
     caption = (
         f"Feasible solutions per solve, n = {_n(groups)} solves, by strategy and duration of the outages, "
-        f"logarithmic. {INTERVALS} The paper's: S(k) as printed in its Table 8, S(k|k') read from its "
-        f"figure 14. {OPEN}"
+        f"logarithmic. {INTERVALS} {OPEN}"
     )
-    figure = forest(rows, SERIES, "feasible solves, %", is_time=False)
-    return Picture("feasibility", "Feasibility ratio", caption, figure)
+    return Chart("feasibility", "Feasibility ratio", caption, "feasible solves, %", series, rows)
 
 
 def _n(groups: Sequence[Summary]) -> str:
     return f"{sum(one.n_solves for one in groups):,}"
 
 
-def _times(groups: Sequence[Summary]) -> Picture:
-    series = (
-        Series("ours, spent", BLUE),
-        Series("ours, charged at the cap", GREEN, "s"),
-        Series("paper, charged", ORANGE, "D", is_filled=False),
-    )
-    rows = []
-    for one in groups:
-        paper = paper_of(one)
-        marks = (
-            seconds_per_solution(one.cost.core_hours, one.n_solves, one.paper_ratio),
-            seconds_per_solution(one.cost.cap_hours, one.n_solves, one.paper_ratio),
-            None if paper is None else _paper_seconds(paper),
+def _times(groups: Sequence[Summary]) -> Chart:
+    rows = [
+        Row(
+            one.strategy or "",
+            duration_label(one.duration_days),
+            tuple(
+                seconds_per_solution(hours, one.n_solves, one.paper_ratio)
+                for hours in (one.cost.core_hours, one.cost.cap_hours)
+            ),
         )
-        rows.append(Row(one.strategy or "", duration_label(one.duration_days), marks))
+        for one in groups
+    ]
+    series = (Series("spent", BLUE), Series("charged at the cap", GREEN, "s"))
     caption = (
-        f"Core-time per solution at the paper's tolerance, n = {_n(groups)} solves, failures included, "
-        "logarithmic. Intervals follow from those of the ratios (Wilson, 95 %). The paper charges 0.5 h "
-        "(1 + k) per guess, whatever was used: S(k) as printed in its Table 8, S(k|k') read from its "
-        f"figure 15. {OPEN}"
+        f"Core-time per loose solution, n = {_n(groups)} solves, failures included, logarithmic. "
+        f"Intervals follow from those of the ratios (Wilson, 95 %). {OPEN}"
     )
-    figure = forest(rows, series, "core-time per solution", is_time=True)
-    return Picture("time", "Time per solution", caption, figure)
-
-
-def _paper_seconds(paper: PaperValue) -> Estimate:
-    hours = paper.links()[-1].hours
-    interval = seconds_per_solution(hours, paper.n_guesses, paper.ratio_interval)
-    assert interval is not None
-    return Estimate(SECONDS_PER_HOUR * paper.hours_per_solution.value, interval.low, interval.high)
+    return Chart("time", "Time per solution", caption, "core-time per solution", series, rows, is_time=True)
 
 
 COLUMNS = (
@@ -338,9 +275,9 @@ COLUMNS = (
     Column("outage, days", "duration_days", 1),
     Column("strategy", "strategy"),
     Column("solves", "n_solves"),
-    Column("solutions, paper's tolerance", "n_paper"),
-    Column("ratio, %", "paper_ratio_percent"),
-    Column("solutions, strict", "n_strict"),
+    Column("loose solutions", "n_paper"),
+    Column("ratio, %, loose", "paper_ratio_percent"),
+    Column("strict solutions", "n_strict"),
     Column("ratio, %, strict", "strict_ratio_percent"),
     Column("core-s per strict solution", "core_seconds_per_strict"),
     Column("least delta-v, km/s", "least_delta_v_km_s", 3),
@@ -355,10 +292,8 @@ def cases_section(groups: Groups) -> Section:
     for solves in grouped(groups.findings.facts.solves, ("outages", "strategy")).values():
         first = solves[0]
         by_k.setdefault(first.k, []).append(_Case(first.outages, first.strategy, tally_of(solves)))
-    paragraph = (
-        "A case is a set of outages, named by the segments at which they begin. "
-        "The paper gives no numbers by case."
-    )
+    paragraph = "A case is a set of outages, named by the segments at which they begin."
+    paragraph += groups.beside.sentence("cases")
     tables = tuple(_table(k, sorted(by_k[k], key=_Case.order)) for k in sorted(by_k))
     return Section("cases", "Case by case", (paragraph,), tables)
 

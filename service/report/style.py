@@ -31,7 +31,7 @@ COLOURS = {
 }
 INK, SOFT, GRID, BAND = (COLOURS[name] for name in ("ink", "soft", "grid", "band"))
 BLUE, GREEN, ORANGE = COLOURS["blue"], COLOURS["green"], COLOURS["orange"]
-#: For things that have no meaning of their own, in this order; the paper's values are always orange.
+#: For things that have no meaning of their own, in this order; published values are always orange.
 SERIES = tuple(COLOURS[name] for name in ("blue", "green", "amber", "violet", "rose"))
 #: Between a group and a member of it; plain spaces would shrink to one in the page.
 GAP = "\u00a0" * 3

@@ -13,11 +13,6 @@ Cell = Value | Estimate
 
 #: What stands where nothing is known.
 NOTHING = "–"
-#: Where a value of the paper comes from, as a column's head says it.
-PRINTED, READ = "paper, printed", "paper, read from a figure"
-DERIVED = "paper, computed from its numbers"
-#: By the marks of `service.report.paper.values`.
-SOURCES = {"P": PRINTED, "F": READ, "C": DERIVED}
 #: The least p-value that is shown as a number.
 P_LEAST = 0.0001
 #: For `Column.decimals`: as many digits as were printed or read.
@@ -32,7 +27,7 @@ class Column:
     key: str
     #: Digits after the point; None for three significant ones, or AS_GIVEN.
     decimals: int | None = None
-    #: One of PRINTED, READ and DERIVED, or None for our own numbers.
+    #: Where published numbers come from, None for our own.
     source: str | None = None
     #: Whether its numbers are p-values, of which small ones are told from zero.
     is_p: bool = False

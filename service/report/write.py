@@ -1,6 +1,6 @@
 """The files of a report: the same facts give the same bytes.
 
-What a report holds, in its order: results first, then what needs no solve.
+Results come first, then what is joined from the paper for campaigns of the flagship.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,7 +17,7 @@ from service.report.costs import (
     mappings_section,
 )
 from service.report.page import Fact, Head, Section, page
-from service.report.paper.structure import outages_section, sparsity_section
+from service.report.paper.beside import beside_of
 from service.report.strategies import cases_section, groups_of, strategies_section
 from service.report.style import as_png, as_svg, house_style, lay_out
 from service.report.tables import Table
@@ -28,14 +28,14 @@ RUNNING = "This campaign has not ended; the report holds what the archive had wh
 
 def sections_of(facts: CampaignFacts) -> tuple[Section, ...]:
     """Return the sections of a report; those about solves are left out while there are none."""
-    return (*result_sections(facts), sparsity_section(facts.problem), outages_section())
+    return (*result_sections(facts), *beside_of(facts.problem).sections(facts.problem))
 
 
 def result_sections(facts: CampaignFacts) -> tuple[Section, ...]:
     """Return the sections about solves, none while there are none."""
     if not facts.solves:
         return ()
-    groups = groups_of(facts)
+    groups = groups_of(facts, beside_of(facts.problem))
     has_seeds = any(solve.seed_k is not None for solve in facts.solves)
     found = (
         strategies_section(groups),
@@ -57,14 +57,15 @@ def head_of(facts: CampaignFacts) -> Head:
     shown = (
         Fact("state", facts.state),
         Fact("solves", f"{len(facts.solves):,}"),
-        Fact("solutions, paper's tolerance", f"{n_paper:,}"),
-        Fact("solutions, strict", f"{n_strict:,}"),
+        Fact("loose solutions", f"{n_paper:,}"),
+        Fact("strict solutions", f"{n_strict:,}"),
         Fact("CPU time", str(timedelta(seconds=seconds))),
         Fact("cases", str(len({solve.outages for solve in facts.solves}))),
         Fact("rng_seed", str(facts.rng_seed)),
     )
     notices = [] if facts.state == "done" else [RUNNING]
-    return Head(facts.id, facts.name, shown, (*notices, *([] if facts.solves else [EMPTY])))
+    notices += [] if facts.solves else [EMPTY]
+    return Head(facts.id, facts.name, shown, tuple(notices), beside_of(facts.problem).source)
 
 
 def tables_of(facts: CampaignFacts) -> tuple[Table, ...]:

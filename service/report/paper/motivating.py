@@ -24,12 +24,13 @@ from core.problem import Problem, calendar_epoch, load_problem, seconds_past_j20
 from core.search import solve_recovery
 from core.transcription import transcribe
 from core.verification.verify import verify
+from service.report.paper.values import FLAGSHIP
 from service.report.style import GREEN, INK, ORANGE, SERIES, WIDTH, as_png, as_svg, house_style, lay_out
 from service.schemas.answer import Answer
 
 Array = NDArray[np.float64]
 
-PRESET, OUTAGE_DAYS = "ppe-drm3", 2.5
+OUTAGE_DAYS = 2.5
 #: Start of the spiral that ends in the preset's departure; examples/spiral.toml.
 SPIRAL_EPOCH = "2025-11-01T00:00:00"
 
@@ -87,7 +88,7 @@ def motivating() -> Example:
     ExampleFailedError
         When one of the two solves does not close on this machine.
     """
-    problem = load_problem(PRESET)
+    problem = load_problem(FLAGSHIP)
     nominal = solve(transcribe(problem), _start())
     if not nominal.is_feasible:
         raise ExampleFailedError(f"nominal transfer: expected a solution, got {nominal.status.name}")

@@ -14,8 +14,9 @@ from core.analysis.safe_modes import CountDistribution, count_distribution, dura
 from core.analysis.sparsity import DensityRule, density_curve, pattern, sizes
 from core.problem import Problem
 from service.report.page import Picture, Section
+from service.report.paper.values import DERIVED, PRINTED, READ
 from service.report.style import BLUE, INK, ORANGE, SERIES, SOFT, WIDTH, new_figure
-from service.report.tables import DERIVED, PRINTED, READ, Cell, Column, Table
+from service.report.tables import Cell, Column, Table
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,9 +12,16 @@ from typing import Literal, NamedTuple
 from core.analysis.campaign_statistics import CHARGE_HOURS
 from core.analysis.cumulative_cost import Link, cumulative_hours, cumulative_ratio, full_hours
 from core.analysis.metrics import Estimate, Ratio, feasibility_ratio
+from core.problem import Problem, load_problem
 
 #: P printed, F read from a figure, C computed: here, implied by the others.
 Mark = Literal["P", "F", "C"]
+#: What the head of a column says of each mark.
+PRINTED, READ = "paper, printed", "paper, read from a figure"
+DERIVED = "paper, computed from its numbers"
+SOURCES = MappingProxyType({"P": PRINTED, "F": READ, "C": DERIVED})
+#: The preset that the paper's numbers belong to.
+FLAGSHIP = "ppe-drm3"
 #: Outage durations of the paper's cases [days].
 DURATIONS_DAYS = (0.5, 1.0, 1.5)
 #: Delta-v of the paper's spiral [km/s]: 15,000 kg to 13,271 kg.
@@ -22,6 +29,11 @@ SPIRAL_DELTA_V_KM_S = 3.252
 #: How well figures can be read: ratios and hours as shares, delta-v in km/s.
 READING_SHARE = 0.005
 READING_KM_S = 0.003
+
+
+def is_flagship(problem: Problem) -> bool:
+    """Return whether a problem is the one that the paper solves, whatever its outages."""
+    return problem.family == load_problem(FLAGSHIP).family
 
 
 class Published(NamedTuple):

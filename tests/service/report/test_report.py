@@ -13,11 +13,14 @@ from core.analysis.campaign_facts import CampaignFacts, SolveFacts
 from core.analysis.metrics import Estimate
 from core.problem import load_problem
 from service.report import tables_as_json, write_report
+from service.report.paper.values import is_flagship
 from service.report.plots import Row, Series, forest
 from service.report.style import BLUE, as_svg, for_page, house_style, lay_out
 from service.report.tables import Column, Table, significant
 
 PROBLEM = load_problem("ppe-drm3")
+_LIGHT = PROBLEM.spacecraft.model_copy(update={"dry_mass_kg": 400.0, "wet_mass_kg": 14000.0})
+RELAY = PROBLEM.model_copy(update={"spacecraft": _LIGHT})
 NAME, SEARCH = '<script>alert(1)</script> & "$x_1$"', "s1 <i>$x^2$"
 OUTAGE = ((24, 1.0),)
 
@@ -70,6 +73,13 @@ SMALL = campaign(
 def written(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
     return folder, write_report(SMALL, folder).read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def relay(tmp_path_factory):
+    """Return the folder and the page of the same solves for a relay satellite of a user's own."""
+    folder = tmp_path_factory.mktemp("relay")
+    return folder, write_report(replace(SMALL, problem=RELAY), folder).read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
@@ -143,6 +153,26 @@ def test_the_papers_values_stand_beside_ours_with_where_they_come_from(written):
     # The paper did not map this way: none of its numbers belongs here.
     assert (aligned[0][0], aligned[8][0]) == ("S(1|0) aligned", "–")
     assert "paper, printed" in written[1] and "paper, read from a figure" in written[1]
+
+
+def test_a_report_of_another_problem_quotes_nothing_of_the_paper(relay):
+    folder, page = relay
+    sheets = {path.name: path.read_text(encoding="utf-8") for path in (folder / "parts").glob("*.csv")}
+    assert not re.search(r"paper('s|,|<)|the paper|Table 8|figure 1\d|arXiv", unescape(page), re.IGNORECASE)
+    assert not re.search(r"published_|charged_", " ".join(sheets.values()))
+    # What the paper has of S(0): ratio [%], guesses and hours per solution.
+    assert not re.search(r"\b(9\.71|2400|5\.15)\b", " ".join(sheets.values()))
+
+
+def test_results_do_not_depend_on_whether_the_paper_has_the_problem(written, relay):
+    for name in ("non-conditional", "conditional-cost", "cumulative", "delta-v", "cases-p1"):
+        beside, alone = rows_of(written[1], name), rows_of(relay[1], name)
+        assert [row[: len(alone[0])] for row in beside] == alone
+
+
+def test_the_flagship_is_known_whatever_its_outages():
+    assert is_flagship(PROBLEM) and is_flagship(PROBLEM.with_outages([(24, 1.0)]))
+    assert not is_flagship(RELAY)
 
 
 def test_a_solution_is_paired_with_its_own_seed(written):
