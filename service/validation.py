@@ -30,7 +30,15 @@ from core.search import HopAddress
 from core.tolerances import PAPER, STRICT, violation
 from core.transcription import Layout, checked_vector, layout_of
 from core.verification.verify import BOUND_SLACK, holds
-from workers.messages import KIND_NUMBERS, RESULTS, Ending, JobOutcome, Settings, SolveRecord, wall_limit_of
+from workers.messages import (
+    KIND_NUMBERS,
+    RESULTS,
+    Ending,
+    JobOutcome,
+    JobSettings,
+    SolveRecord,
+    wall_limit_of,
+)
 
 Array = NDArray[np.float64]
 
@@ -90,7 +98,7 @@ class JobFacts:
     #: That of its first hop.
     address: HopAddress
     n_hops: int
-    settings: Settings
+    settings: JobSettings
 
     @property
     def hops(self) -> range:

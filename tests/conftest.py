@@ -20,9 +20,9 @@ from tests.ray_clusters import nodes
 
 COMPILE = (
     "from core import load_problem\n"
-    "from workers.messages import Settings\n"
+    "from workers.messages import JobSettings\n"
     "from workers.run import precompiled\n"
-    "precompiled(load_problem('ppe-drm3').model_dump(mode='json'), Settings())"
+    "precompiled(load_problem('ppe-drm3').model_dump(mode='json'), JobSettings())"
 )
 # A busy machine takes its time, and no example is judged by it.
 hypothesis.settings.register_profile("tests", deadline=None)

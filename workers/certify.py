@@ -39,13 +39,13 @@ from workers.certificate import (
     CertifiedTrajectory,
     Pair,
 )
-from workers.messages import Certificate, Trajectory
+from workers.messages import Trajectory, VerificationRecord
 from workers.provenance import provenance
 
 
-def certificate(verification: Verification, cpu_seconds: float) -> Certificate:
+def verification_record(verification: Verification, cpu_seconds: float) -> VerificationRecord:
     """Return the verifier's verdict as a message."""
-    return Certificate(
+    return VerificationRecord(
         paper=bool(verification.paper),
         strict=bool(verification.strict),
         defects=tuple(tuple(row) for row in verification.defects.tolist()),

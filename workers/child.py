@@ -11,13 +11,12 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
-from functools import cache, partial
+from functools import cache
 from importlib import import_module
 from inspect import signature
 from typing import Any, TextIO
 
-from workers.executor import Ticket
-from workers.messages import Claim, JobOutcome, Message
+from workers.messages import ChainPart, Claim, Ended, JobOutcome, Reached, Sealed, Ticket, packed, sealed
 
 
 class Inbox:
@@ -71,14 +70,17 @@ def main() -> None:
     runner = runner_named(sys.argv[1])
     while True:
         claim = inbox.claims.get()
-        ticket = Ticket(claim.job_id, claim.attempt)
 
-        def reply(noun: str, message: Message, ticket: Ticket = ticket) -> None:
-            replies.write(json.dumps({"ticket": ticket, noun: message.model_dump(mode="json")}) + "\n")
+        def reply(noun: str, message: Sealed[Any], ticket: Ticket = claim.ticket) -> None:
+            replies.write(json.dumps({"ticket": ticket, noun: packed(message)}) + "\n")
             replies.flush()
 
-        more = {"hand_in": partial(reply, "part")} if hands_in(runner) else {}
-        reply("outcome", runner(claim.job, lambda ticket=ticket: inbox.is_cancelled(ticket), **more))
+        def hand_in(part: ChainPart, reply: Callable[..., None] = reply) -> None:
+            reply("part", sealed(Reached, part))
+
+        more = {"hand_in": hand_in} if hands_in(runner) else {}
+        outcome = runner(claim.job, lambda ticket=claim.ticket: inbox.is_cancelled(ticket), **more)
+        reply("outcome", sealed(Ended, outcome))
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ Whether and when to retry is for the caller; what may be retried is raised as `U
 """
 
 import ipaddress
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import TracebackType
 from typing import Any, NoReturn, Self, TypeVar
@@ -22,11 +22,10 @@ from workers.messages import (
     ClaimRequest,
     CompleteAnswer,
     CompleteManyAnswer,
-    CompleteManyRequest,
-    CompleteRequest,
     FaultyError,
+    Finished,
+    HandedIn,
     HandInAnswer,
-    HandInRequest,
     HeartbeatAnswer,
     HeartbeatRequest,
     RefusedError,
@@ -98,16 +97,19 @@ class Api:
         """Close all connections."""
         self._http.close()
 
-    def ask(self, verb: str, path: str, answer: type[A], body: BaseModel | None = None, **more: Any) -> A:
-        """Return the answer of a route, parsed; `more` is what httpx takes besides."""
+    def ask(
+        self, verb: str, path: str, answer: type[A], body: BaseModel | str | None = None, **more: Any
+    ) -> A:
+        """Return the answer of a route, parsed; a text is JSON, and `more` is what httpx takes besides."""
         return self.ask_for_status(verb, path, answer, body, **more)[0]
 
     def ask_for_status(
-        self, verb: str, path: str, answer: type[A], body: BaseModel | None = None, **more: Any
+        self, verb: str, path: str, answer: type[A], body: BaseModel | str | None = None, **more: Any
     ) -> tuple[A, int]:
         """Return the answer of a route, parsed, and its status."""
         if body is not None:
-            more |= {"content": body.model_dump_json(), "headers": {"Content-Type": "application/json"}}
+            content = body if isinstance(body, str) else body.model_dump_json()
+            more |= {"content": content, "headers": {"Content-Type": "application/json"}}
         with self._faults_named():
             reply = self._http.request(verb, path, **more)
         if not reply.is_success:
@@ -185,25 +187,26 @@ class HttpSource:
         """Extend the leases of what is held; return what is to be cancelled, and what is lost."""
         return self._ask("heartbeat", request, HeartbeatAnswer)
 
-    def hand_in(self, request: HandInRequest) -> HandInAnswer:
+    def hand_in(self, part: HandedIn) -> HandInAnswer:
         """Report hops of a chain that goes on."""
-        return self._report("hand-in", request, HandInAnswer)
+        return self._report("hand-in", part.to_json(), HandInAnswer)
 
-    def complete(self, request: CompleteRequest) -> CompleteAnswer:
+    def complete(self, report: Finished) -> CompleteAnswer:
         """Report an outcome."""
-        return self._report("complete", request, CompleteAnswer)
+        return self._report("complete", report.to_json(), CompleteAnswer)
 
-    def complete_many(self, request: CompleteManyRequest) -> CompleteManyAnswer:
+    def complete_many(self, reports: Sequence[Finished]) -> CompleteManyAnswer:
         """Report several outcomes; none is taken if this raises."""
-        return self._report("complete-many", request, CompleteManyAnswer)
+        texts = ",".join(report.to_json() for report in reports)
+        return self._report("complete-many", f'{{"reports":[{texts}]}}', CompleteManyAnswer)
 
-    def _report(self, verb: str, request: BaseModel, answer: type[A]) -> A:
+    def _report(self, verb: str, request: str, answer: type[A]) -> A:
         try:
             return self._ask(verb, request, answer)
         except RejectedError as error:
             raise UnacceptableError(str(error)) from error
 
-    def _ask(self, verb: str, request: BaseModel, answer: type[A]) -> A:
+    def _ask(self, verb: str, request: BaseModel | str, answer: type[A]) -> A:
         try:
             return self._api.ask("POST", f"/jobs/{verb}", answer, request)
         except RejectedError as error:

@@ -11,24 +11,25 @@ import time
 from collections import Counter
 from collections.abc import Callable
 
-from workers.executor import Executor, ExecutorError, Finished, Ticket
+from workers.executor import Executor, ExecutorError
 from workers.heartbeat import Heartbeat
 from workers.messages import (
     MOST_REPORTS,
     RESULTS,
-    ChainPart,
     ClaimAnswer,
     ClaimRequest,
     CompleteAnswer,
-    CompleteManyRequest,
-    CompleteRequest,
+    Ended,
     Ending,
     FaultyError,
-    HandInRequest,
-    JobOutcome,
+    Finished,
+    HandedIn,
     JobSource,
+    Reached,
+    Sealed,
     SourceError,
     StaleAttemptError,
+    Ticket,
     UnacceptableError,
     UnreachableError,
     WorkerInfo,
@@ -75,11 +76,11 @@ class Dispatcher:
         self._awake = Awake()
         #: When the process of each job that is worked on counts as hung, by the time that we were awake.
         self._running: dict[Ticket, float] = {}
-        self._unreported: dict[Ticket, JobOutcome] = {}
+        self._unreported: dict[Ticket, Sealed[Ended]] = {}
         #: By `job_digest`, of all that is held.
         self._digests: dict[Ticket, str] = {}
         #: Hops of chains that go on, not handed in yet; and the first hop of each that is not.
-        self._parts: dict[Ticket, ChainPart] = {}
+        self._parts: dict[Ticket, Sealed[Reached]] = {}
         self._next_hops: dict[Ticket, int] = {}
         self._outbox = outbox
         #: Those of the unreported that are in the outbox; and those that an earlier dispatcher left there.
@@ -152,7 +153,7 @@ class Dispatcher:
     def _accept(self, answer: ClaimAnswer) -> None:
         self._heartbeat.period_s = answer.heartbeat_s
         for claim in answer.claims:
-            ticket = Ticket(claim.job_id, claim.attempt)
+            ticket = claim.ticket
             self._running[ticket] = self._awake() + wall_limit_s(claim.job)
             self._digests[ticket] = job_digest(claim.job)
             self._executor.submit(ticket, claim.job)
@@ -161,9 +162,9 @@ class Dispatcher:
         for answer in self._heartbeat.answers():
             self._n_writes += bool(answer.extended)
             for job in answer.to_cancel:
-                self._executor.cancel(Ticket(job.job_id, job.attempt))
+                self._executor.cancel(job.ticket)
             for job in answer.not_held:
-                self._disown(Ticket(job.job_id, job.attempt))
+                self._disown(job.ticket)
 
     def _disown(self, ticket: Ticket) -> None:
         # What has ended is offered all the same: while nobody else has begun, the source takes it.
@@ -186,7 +187,7 @@ class Dispatcher:
         for ticket, part in self._executor.handed_in():
             before = self._parts.get(ticket)
             if before is not None:
-                part = part.model_copy(update={"solves": before.solves + part.solves})
+                part = part._replace(solves=before.solves + part.solves)
             self._parts[ticket] = part
         for finished in done:
             self._take(finished)
@@ -195,9 +196,10 @@ class Dispatcher:
             time.sleep(max(0.0, end - time.monotonic()))
 
     def _take(self, finished: Finished) -> None:
-        ticket, outcome = finished
-        if ticket in self._hung and outcome.ending is Ending.CANCELLED:
-            outcome = JobOutcome(ending=Ending.TIMEOUT, error="job: expected an outcome in time, got none")
+        ticket, outcome = finished.ticket, finished.outcome
+        if ticket in self._hung and outcome.head.ending is Ending.CANCELLED:
+            error = "job: expected an outcome in time, got none"
+            outcome = Sealed(Ended(ending=Ending.TIMEOUT, error=error))
         if ticket not in self._disowned:
             self._unreported[ticket] = self._rest(ticket, outcome)
         else:
@@ -208,13 +210,13 @@ class Dispatcher:
         self._hung.discard(ticket)
         self._disowned.discard(ticket)
 
-    def _rest(self, ticket: Ticket, outcome: JobOutcome) -> JobOutcome:
+    def _rest(self, ticket: Ticket, outcome: Sealed[Ended]) -> Sealed[Ended]:
         """Return an outcome without the hops that are handed in, as far as it has any."""
         if outcome.solves:
             # It has those that wait as well.
             self._parts.pop(ticket, None)
         first = self._next_hops.get(ticket, 0)
-        return outcome.model_copy(update={"solves": tuple(s for s in outcome.solves if s.hop >= first)})
+        return outcome._replace(solves=tuple(solve for solve in outcome.solves if solve.hop >= first))
 
     def _hand_in(self) -> None:
         """Hand in hops of chains that go on, so that the loss of a worker does not cost them."""
@@ -222,7 +224,7 @@ class Dispatcher:
             if not self._line.is_due():
                 return
             try:
-                self._source.hand_in(HandInRequest(job_id=ticket.job_id, attempt=ticket.attempt, part=part))
+                self._source.hand_in(HandedIn(ticket, part))
             except (FaultyError, UnacceptableError, StaleAttemptError) as error:
                 # The outcome has them all again, and tells what is wrong where that is refused too.
                 log.warning("job %d: hops not handed in: %s", ticket.job_id, error, extra=_ids(ticket))
@@ -230,7 +232,7 @@ class Dispatcher:
                 self._wait(error)
                 return
             else:
-                self._next_hops[ticket] = part.place.next_hop
+                self._next_hops[ticket] = part.head.place.next_hop
                 self._heard()
             del self._parts[ticket]
 
@@ -252,8 +254,7 @@ class Dispatcher:
     def _report_many(self) -> None:
         tickets = list(self._unreported)[:MOST_REPORTS]
         try:
-            reports = tuple(map(self._request, tickets))
-            answers = self._source.complete_many(CompleteManyRequest(reports=reports)).answers
+            answers = self._source.complete_many([self._finished(ticket) for ticket in tickets]).answers
         except (FaultyError, UnacceptableError, StaleAttemptError):
             # None was taken.  Sent one by one, they tell which of them it is.
             return
@@ -263,15 +264,13 @@ class Dispatcher:
             for ticket, answer in zip(tickets, answers, strict=True):
                 self._taken(ticket, answer)
 
-    def _request(self, ticket: Ticket) -> CompleteRequest:
-        digest = self._digests.get(ticket) if ticket in self._adopted else None
-        return CompleteRequest(
-            job_id=ticket.job_id, attempt=ticket.attempt, outcome=self._unreported[ticket], job_digest=digest
-        )
+    def _finished(self, ticket: Ticket, has_digest: bool = False) -> Finished:
+        digest = self._digests.get(ticket) if has_digest or ticket in self._adopted else None
+        return Finished(ticket, self._unreported[ticket], digest)
 
     def _send(self, ticket: Ticket) -> None:
         try:
-            answer = self._source.complete(self._request(ticket))
+            answer = self._source.complete(self._finished(ticket))
         except FaultyError as error:
             # The others first: whether they are taken shows whose fault it is.
             self._unreported[ticket] = self._unreported.pop(ticket)
@@ -298,7 +297,8 @@ class Dispatcher:
 
     def _taken(self, ticket: Ticket, answer: CompleteAnswer) -> None:
         self._n_writes += 1
-        if ticket in self._adopted and self._unreported[ticket].ending in RESULTS and answer.state != "done":
+        is_result = self._unreported[ticket].head.ending in RESULTS
+        if ticket in self._adopted and is_result and answer.state != "done":
             self._set_aside(ticket, f"expected an open job, got one that is {answer.state}; requeue it")
         if ticket in self._kept:
             log.warning("job %d: the outcome that waited is handed in", ticket.job_id, extra=_ids(ticket))
@@ -321,29 +321,26 @@ class Dispatcher:
         text = "job %d: expected a report that is accepted, got %s"
         log.error(text, ticket.job_id, error, extra=_ids(ticket))
         where = self._set_aside(ticket, str(error)) if self._unreported[ticket].solves else ""
-        if self._unreported[ticket].ending is Ending.ERROR or ticket in self._adopted:
+        if self._unreported[ticket].head.ending is Ending.ERROR or ticket in self._adopted:
             # Not even this, or a job of which we know nothing more: it comes back when its lease has run out.
             self._settle(ticket)
             return
-        self._unreported[ticket] = JobOutcome(ending=Ending.ERROR, error=f"report: {error}{where}")
+        self._unreported[ticket] = Sealed(Ended(ending=Ending.ERROR, error=f"report: {error}{where}"))
         self._n_faults.pop(ticket, None)
 
     def _set_aside(self, ticket: Ticket, reason: str) -> str:
         """Write an outcome that is refused where somebody may look at it; return words that say where."""
-        path = self._outbox and self._outbox.set_aside(self._with_digest(ticket))
+        path = self._outbox and self._outbox.set_aside(self._finished(ticket, has_digest=True))
         self._kept.discard(ticket)
         if path is None:
             return ""
         log.error("job %d: its outcome is kept in %s: %s", ticket.job_id, path, reason, extra=_ids(ticket))
         return f"; the outcome is kept in {path}"
 
-    def _with_digest(self, ticket: Ticket) -> CompleteRequest:
-        return self._request(ticket).model_copy(update={"job_digest": self._digests.get(ticket)})
-
     def _adopt(self) -> None:
         """Take over what an earlier dispatcher could not hand in."""
         for report in self._outbox.reports() if self._outbox is not None else ():
-            ticket = Ticket(report.job_id, report.attempt)
+            ticket = report.ticket
             self._unreported[ticket] = report.outcome
             self._digests[ticket] = report.job_digest or ""
             self._kept.add(ticket)
@@ -356,7 +353,9 @@ class Dispatcher:
         if self._outbox is None:
             return
         for ticket, outcome in self._unreported.items():
-            if outcome.solves and ticket not in self._kept and self._outbox.put(self._with_digest(ticket)):
+            if not outcome.solves or ticket in self._kept:
+                continue
+            if self._outbox.put(self._finished(ticket, has_digest=True)):
                 self._kept.add(ticket)
 
     def _leave(self) -> None:
@@ -392,7 +391,7 @@ class Dispatcher:
 
     def _lose_all(self, reason: str) -> None:
         for ticket in list(self._running):
-            self._take(Finished(ticket, JobOutcome(ending=Ending.LOST, error=reason)))
+            self._take(Finished(ticket, Sealed(Ended(ending=Ending.LOST, error=reason))))
         deadline = time.monotonic() + REPORT_S
         while self._unreported and time.monotonic() < deadline:
             self._report()

@@ -8,34 +8,13 @@ An executor may lose all it holds at any time; the coordinator's database is the
 
 from collections import deque
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 from core.errors import UserError
-from workers.messages import ChainPart, Ending, Job, JobOutcome
+from workers.messages import Ended, Ending, Finished, HandedIn, Job, JobOutcome, Sealed, Ticket, sealed
 
 #: Time that an attempt has to stop by itself after it was asked, before it is killed [s].
 CANCEL_GRACE_S = 10.0
-
-
-class Ticket(NamedTuple):
-    """One attempt at one job."""
-
-    job_id: int
-    attempt: int
-
-
-class Finished(NamedTuple):
-    """An attempt that ended, whatever the ending."""
-
-    ticket: Ticket
-    outcome: JobOutcome
-
-
-class HandedIn(NamedTuple):
-    """Hops of a chain that an attempt still works on."""
-
-    ticket: Ticket
-    part: ChainPart
 
 
 class ExecutorError(UserError, RuntimeError):
@@ -107,7 +86,7 @@ class Inline:
         done, self._cancelled = self._cancelled, []
         while self._waiting:
             ticket, job = self._waiting.popleft()
-            done.append(Finished(ticket, self._runner(job, self._stop)))
+            done.append(Finished(ticket, sealed(Ended, self._runner(job, self._stop))))
         return done
 
     def handed_in(self) -> list[HandedIn]:
@@ -118,7 +97,7 @@ class Inline:
         """Drop a job that has not begun; one that runs has the caller's thread and cannot be asked."""
         for waiting in [entry for entry in self._waiting if entry[0] == ticket]:
             self._waiting.remove(waiting)
-            self._cancelled.append(Finished(ticket, JobOutcome(ending=Ending.CANCELLED)))
+            self._cancelled.append(Finished(ticket, Sealed(Ended(ending=Ending.CANCELLED))))
 
     def close(self) -> None:
         """Forget what was submitted."""

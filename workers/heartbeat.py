@@ -6,13 +6,13 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Self
 
-from workers.executor import Ticket
 from workers.messages import (
     MOST_HELD,
     HeartbeatAnswer,
     HeartbeatRequest,
     HeldJob,
     JobSource,
+    Ticket,
     UnreachableError,
     WorkerInfo,
 )
@@ -63,7 +63,7 @@ class Heartbeat:
 
     def beat(self, extend: bool = True) -> None:
         """Say once what is held, to extend its leases or only to hear what to cancel."""
-        held = [HeldJob(job_id=ticket.job_id, attempt=ticket.attempt) for ticket in self._held()]
+        held = [HeldJob(**ticket._asdict()) for ticket in self._held()]
         for first in range(0, max(1, len(held)), MOST_HELD):
             part = tuple(held[first : first + MOST_HELD])
             request = HeartbeatRequest(worker=self._info(), held=part, extend=extend)

@@ -28,8 +28,18 @@ from core.plain_data import read_text
 from core.problem import Problem, problem_from
 from core.search import GUESS_LAWS
 from core.transcription import DEFAULT_LEGS, Transcription, checked_vector, layout_of, transcribe
-from workers.executor import Executor, Ticket
-from workers.messages import Address, HopJob, HopLaws, Job, JobOutcome, MapJob, Settings, SolveRecord
+from workers.executor import Executor
+from workers.messages import (
+    Address,
+    HopJob,
+    HopLaws,
+    Job,
+    JobOutcome,
+    JobSettings,
+    MapJob,
+    SolveRecord,
+    Ticket,
+)
 
 __all__ = [
     "DISTINCT",
@@ -83,8 +93,10 @@ def seed_job(
     )
 
 
-def _settings(limits: SolveSettings) -> Settings:
-    return Settings(cpu_seconds=limits.cpu_seconds, max_iterations=limits.max_iterations, n_legs=DEFAULT_LEGS)
+def _settings(limits: SolveSettings) -> JobSettings:
+    return JobSettings(
+        cpu_seconds=limits.cpu_seconds, max_iterations=limits.max_iterations, n_legs=DEFAULT_LEGS
+    )
 
 
 def warm(executor: Executor, jobs: Iterable[Job]) -> None:
@@ -113,7 +125,7 @@ def outcomes(executor: Executor, jobs: Iterable[tuple[int, Job]]) -> Iterator[tu
                 running += 1
         for finished in executor.finished(PATIENCE_S) if running else ():
             running -= 1
-            yield finished.ticket.job_id, finished.outcome
+            yield finished.ticket.job_id, JobOutcome.model_validate_json(finished.outcome.to_json())
 
 
 def n_compiled_kernels() -> int:

@@ -15,8 +15,9 @@ SourceError(RuntimeError)   a source that did not do what it was asked
 
 import hashlib
 import json
+from collections.abc import Sequence
 from enum import StrEnum
-from typing import Annotated, Any, Literal, Protocol
+from typing import Annotated, Any, Generic, Literal, NamedTuple, Protocol, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
@@ -99,7 +100,7 @@ class Address(Message):
     hop: Annotated[int, Field(ge=0)] = 0
 
 
-class Settings(Message):
+class JobSettings(Message):
     """What shapes a solve besides its guess; caps are scaled by 1 + k inside `core.solve`."""
 
     #: Far above what the iterations take, so that counts shape a result and the clock only guards it.
@@ -152,7 +153,7 @@ class HopJob(Message):
     address: Address
     n_hops: Annotated[int, Field(ge=1)]
     laws: HopLaws = HopLaws()
-    settings: Settings = Settings()
+    settings: JobSettings = JobSettings()
     #: Where to go on, if earlier attempts have handed in hops.
     place: ChainPlace | None = None
 
@@ -168,7 +169,7 @@ class MapJob(Message):
     seed_problem: dict[str, Any]
     seed_x: tuple[float, ...]
     mapping: str
-    settings: Settings = Settings()
+    settings: JobSettings = JobSettings()
 
 
 Job = Annotated[HopJob | MapJob, Field(discriminator="kind")]
@@ -180,7 +181,7 @@ def wall_limit_s(job: HopJob | MapJob) -> float:
     return wall_limit_of(job.settings, k, job.n_hops if isinstance(job, HopJob) else 1)
 
 
-def wall_limit_of(settings: Settings, k: int, n_solves: int) -> float:
+def wall_limit_of(settings: JobSettings, k: int, n_solves: int) -> float:
     """Return the same for so many solves of a P_k [s]."""
     return n_solves * (WALL_FACTOR * settings.cpu_seconds * (1 + k) + WALL_MARGIN_S) + HANG_MARGIN_S
 
@@ -220,8 +221,8 @@ class Trajectory(Message):
     arrival_epoch: Short
 
 
-class Certificate(Message):
-    """The verifier's verdict on a solve, as it is stored with it; `workers.certify` says far more."""
+class VerificationRecord(Message):
+    """The verifier's verdict on a solve, as it is stored with it; a certificate says far more."""
 
     paper: bool
     strict: bool
@@ -252,14 +253,13 @@ class SolveRecord(Message):
     #: Only when the verifier found it feasible at the paper's tolerance or better.
     x: tuple[float, ...] | None = None
     trajectory: Trajectory | None = None
-    certificate: Certificate | None = None
+    certificate: VerificationRecord | None = None
 
 
-class JobOutcome(Message):
-    """How an attempt at a job ended, with one record per solve that it finished."""
+class Ended(Message):
+    """How an attempt at a job ended, but for its solves."""
 
     ending: Ending
-    solves: Annotated[tuple[SolveRecord, ...], Field(max_length=MOST_SOLVES)] = ()
     provenance: Provenance | None = None
     #: A traceback for `error`, the last words of the process for `crash`.
     error: Annotated[str, Field(max_length=LONGEST_ERROR)] | None = None
@@ -267,25 +267,96 @@ class JobOutcome(Message):
     place: ChainPlace | None = None
 
 
-class ChainPart(Message):
-    """The next hops of a chain that goes on, handed in so that a loss does not cost them."""
+class JobOutcome(Ended):
+    """How an attempt at a job ended, with one record per solve that it finished."""
 
-    solves: Annotated[tuple[SolveRecord, ...], Field(min_length=1)]
+    solves: Annotated[tuple[SolveRecord, ...], Field(max_length=MOST_SOLVES)] = ()
+
+
+class Reached(Message):
+    """How far a chain is that goes on, but for its solves."""
+
     provenance: Provenance
     #: Where the chain stands after them.
     place: ChainPlace
 
 
-class Claim(Message):
-    """A job handed out, with the attempt that fences its report."""
+class ChainPart(Reached):
+    """The next hops of a chain that goes on, handed in so that a loss does not cost them."""
+
+    solves: Annotated[tuple[SolveRecord, ...], Field(min_length=1)]
+
+
+class SealedSolve(NamedTuple):
+    """A solve as JSON, and its hop, by which it is told from others."""
+
+    hop: int
+    text: str
+
+
+H = TypeVar("H", bound=Message)
+
+
+class Sealed(NamedTuple, Generic[H]):
+    """An outcome or a part of a chain on its way; its solves are read where they are stored."""
+
+    head: H
+    solves: tuple[SealedSolve, ...] = ()
+
+    def to_json(self) -> str:
+        """Return the message that was sealed, as JSON."""
+        solves = ",".join(solve.text for solve in self.solves)
+        return f'{self.head.model_dump_json()[:-1]},"solves":[{solves}]}}'
+
+
+def sealed(head: type[H], message: JobOutcome | ChainPart) -> Sealed[H]:
+    """Return a message with its solves sealed; `head` is the class of what stays open."""
+    opened = head.model_construct(**{name: getattr(message, name) for name in head.model_fields})
+    return Sealed(opened, tuple(SealedSolve(one.hop, one.model_dump_json()) for one in message.solves))
+
+
+def packed(message: Sealed[Any]) -> tuple[Any, ...]:
+    """Return a sealed message as plain data, for a pipe."""
+    return message.head.model_dump(mode="json"), message.solves
+
+
+def unpacked(head: type[H], data: Sequence[Any]) -> Sealed[H]:
+    """Return a sealed message from plain data."""
+    return Sealed(head.model_validate(data[0]), tuple(SealedSolve(*solve) for solve in data[1]))
+
+
+class Ticket(NamedTuple):
+    """One attempt at one job."""
 
     job_id: int
     attempt: int
+
+    def to_json(self, **fields: str) -> str:
+        """Return a message about it as JSON, its fields given as JSON."""
+        texts = {"job_id": str(self.job_id), "attempt": str(self.attempt)} | fields
+        return "{" + ",".join(f'"{name}":{text}' for name, text in texts.items()) + "}"
+
+
+class OfAttempt(Message):
+    """What is about one attempt at one job, whose number fences what is reported of it."""
+
+    job_id: int
+    attempt: int
+
+    @property
+    def ticket(self) -> Ticket:
+        """The attempt, to tell it from others."""
+        return Ticket(self.job_id, self.attempt)
+
+
+class Claim(OfAttempt):
+    """A job handed out."""
+
     job: Job
 
 
-class HeldJob(Message):
-    """A job that a worker holds, with the attempt that fences it."""
+class HeldJob(OfAttempt):
+    """A job that a worker holds."""
 
     job_id: RowId
     attempt: RowId
@@ -351,30 +422,24 @@ class HeartbeatAnswer(Message):
     not_held: tuple[HeldJob, ...] = ()
 
 
-class CompleteRequest(Message):
+class CompleteRequest(HeldJob):
     """How an attempt ended."""
 
-    job_id: RowId
-    attempt: RowId
     outcome: JobOutcome
     #: `job_digest` of what was claimed, of a report that waited in a file: another archive may have a job of
     #: the same number.
     job_digest: Annotated[str, Field(pattern="^[0-9a-f]{32}$")] | None = None
 
 
-class HandInRequest(Message):
+class HandInRequest(HeldJob):
     """Hops of a chain that an attempt still works on."""
 
-    job_id: RowId
-    attempt: RowId
     part: ChainPart
 
 
-class HandInAnswer(Message):
+class HandInAnswer(OfAttempt):
     """Where the chain begins if this attempt is lost; later than was handed in if that came twice."""
 
-    job_id: int
-    attempt: int
     next_hop: int
 
 
@@ -388,11 +453,9 @@ class CompleteManyRequest(Message):
     reports: Annotated[tuple[CompleteRequest, ...], Field(min_length=1, max_length=MOST_REPORTS)]
 
 
-class CompleteAnswer(Message):
+class CompleteAnswer(OfAttempt):
     """What the coordinator made of a report; the same report again gets the same answer."""
 
-    job_id: int
-    attempt: int
     #: The state that the job got by this report.
     state: Literal["done", "queued", "dead", "cancelled"]
 
@@ -401,6 +464,29 @@ class CompleteManyAnswer(Message):
     """What the coordinator made of several reports, in their order."""
 
     answers: tuple[CompleteAnswer, ...]
+
+
+class Finished(NamedTuple):
+    """An attempt that ended, whatever the ending: a `CompleteRequest` whose solves are sealed."""
+
+    ticket: Ticket
+    outcome: Sealed[Ended]
+    job_digest: str | None = None
+
+    def to_json(self) -> str:
+        """Return the request as JSON."""
+        return self.ticket.to_json(job_digest=json.dumps(self.job_digest), outcome=self.outcome.to_json())
+
+
+class HandedIn(NamedTuple):
+    """Hops of a chain that an attempt still works on: a `HandInRequest` whose solves are sealed."""
+
+    ticket: Ticket
+    part: Sealed[Reached]
+
+    def to_json(self) -> str:
+        """Return the request as JSON."""
+        return self.ticket.to_json(part=self.part.to_json())
 
 
 class SourceError(UserError, RuntimeError):
@@ -442,11 +528,11 @@ class JobSource(Protocol):
     def heartbeat(self, request: HeartbeatRequest) -> HeartbeatAnswer:
         """Extend the leases of what is held; return what is to be cancelled, and what is lost."""
 
-    def hand_in(self, request: HandInRequest) -> HandInAnswer:
+    def hand_in(self, part: HandedIn) -> HandInAnswer:
         """Report hops of a chain that goes on."""
 
-    def complete(self, request: CompleteRequest) -> CompleteAnswer:
+    def complete(self, report: Finished) -> CompleteAnswer:
         """Report an outcome."""
 
-    def complete_many(self, request: CompleteManyRequest) -> CompleteManyAnswer:
+    def complete_many(self, reports: Sequence[Finished]) -> CompleteManyAnswer:
         """Report several outcomes; all are taken, or what is raised holds for one of them and none is."""

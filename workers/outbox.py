@@ -12,8 +12,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from workers.executor import Ticket
-from workers.messages import CompleteRequest
+from workers.messages import CompleteRequest, Ended, Finished, Ticket, sealed
 
 log = logging.getLogger(__name__)
 
@@ -24,17 +23,18 @@ class Outbox:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
-    def reports(self) -> Iterator[CompleteRequest]:
+    def reports(self) -> Iterator[Finished]:
         """Yield what an earlier dispatcher could not hand in."""
         for path in sorted(self.folder.glob("job-*.json")):
             try:
-                yield CompleteRequest.model_validate_json(path.read_bytes())
+                report = CompleteRequest.model_validate_json(path.read_bytes())
+                yield Finished(report.ticket, sealed(Ended, report.outcome), report.job_digest)
             except (OSError, ValidationError) as error:
                 log.error(
                     "outcome %s: expected a report of this version, got %s; left where it is", path, error
                 )
 
-    def put(self, report: CompleteRequest) -> bool:
+    def put(self, report: Finished) -> bool:
         """Write a report; return whether it is on disk."""
         return self._write(self.folder, report) is not None
 
@@ -46,25 +46,25 @@ class Outbox:
             # It is offered again after the next start, and answered as a report that came twice.
             log.warning("outcome of job %d: expected to remove its file, got %s", ticket.job_id, error)
 
-    def set_aside(self, report: CompleteRequest) -> Path | None:
+    def set_aside(self, report: Finished) -> Path | None:
         """Move a report to those that were refused; return where it is now."""
         path = self._write(self.folder / "refused", report)
         if path is not None:
-            self.remove(Ticket(report.job_id, report.attempt))
+            self.remove(report.ticket)
         return path
 
-    def _write(self, folder: Path, report: CompleteRequest) -> Path | None:
-        path = folder / _name(Ticket(report.job_id, report.attempt))
+    def _write(self, folder: Path, report: Finished) -> Path | None:
+        path = folder / _name(report.ticket)
         draft = path.with_name(f"{path.name}.{os.getpid()}")
         try:
             folder.mkdir(parents=True, exist_ok=True, mode=0o700)
             # Results are for their owner alone, as the archive is.
             descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
             with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
-                stream.write(report.model_dump_json())
+                stream.write(report.to_json())
             draft.replace(path)
         except OSError as error:
-            log.error("outcome of job %d: expected room for %s, got %s", report.job_id, path, error)
+            log.error("outcome of job %d: expected room for %s, got %s", report.ticket.job_id, path, error)
             return None
         return path
 

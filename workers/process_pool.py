@@ -15,14 +15,14 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-from workers.executor import CANCEL_GRACE_S, ExecutorError, Finished, HandedIn, Ticket
-from workers.messages import ChainPart, Claim, Ending, Job, JobOutcome
+from workers.executor import CANCEL_GRACE_S, ExecutorError
+from workers.messages import Claim, Ended, Ending, Finished, HandedIn, Job, Reached, Sealed, Ticket, unpacked
 from workers.process_tree import single_threaded
 
 #: How long a child may take to leave after its stdin closed [s].
 LEAVE_SECONDS = 2.0
-#: How much of what a child printed is kept as the explanation of a crash [bytes].
-LAST_WORDS = 4000
+#: How much of what a child printed is kept as the explanation of a crash.
+CAPTURED_BYTES = 4000
 
 
 class _Child:
@@ -64,15 +64,15 @@ class _Child:
         self.is_killed = True
         self.process.kill()
 
-    def obituary(self) -> JobOutcome:
-        """Return what became of the job of a process that died: killed by us, or by something else."""
+    def crash_outcome(self) -> Ended:
+        """Return how the job of a process that died ended: killed by us, or by something else."""
         if self.is_killed:
-            return JobOutcome(ending=Ending.CANCELLED)
-        return JobOutcome(ending=Ending.CRASH, error=self._last_words())
+            return Ended(ending=Ending.CANCELLED)
+        return Ended(ending=Ending.CRASH, error=self._stderr())
 
-    def _last_words(self) -> str:
+    def _stderr(self) -> str:
         self._printed.seek(0, os.SEEK_END)
-        self._printed.seek(max(0, self._printed.tell() - LAST_WORDS))
+        self._printed.seek(max(0, self._printed.tell() - CAPTURED_BYTES))
         printed = self._printed.read().decode(errors="replace").strip()
         return f"worker process: expected a reply, got exit code {self.process.wait()}\n{printed}".strip()
 
@@ -137,8 +137,7 @@ class ProcessPool:
                 f"process pool: expected at most {n} jobs at a time, got job {ticket.job_id} too"
             )
         child.ticket = ticket
-        claim = Claim(job_id=ticket.job_id, attempt=ticket.attempt, job=job)
-        child.send({"run": claim.model_dump(mode="json")})
+        child.send({"run": Claim(**ticket._asdict(), job=job).model_dump(mode="json")})
 
     def finished(self, timeout: float) -> list[Finished]:
         """Return what has ended, after waiting at most `timeout` seconds for a first one."""
@@ -147,15 +146,14 @@ class ProcessPool:
         for child, line in self._arrived(timeout):
             reply = {} if line is None else json.loads(line)
             if "part" in reply:
-                part = ChainPart.model_validate(reply["part"])
-                self._parts.append(HandedIn(Ticket(*reply["ticket"]), part))
+                self._parts.append(HandedIn(Ticket(*reply["ticket"]), unpacked(Reached, reply["part"])))
                 continue
             ticket, child.ticket, child.patience_ends = child.ticket, None, None
             if line is None:
                 if ticket is not None:
-                    done.append(Finished(ticket, child.obituary()))
+                    done.append(Finished(ticket, Sealed(child.crash_outcome())))
             else:
-                done.append(Finished(Ticket(*reply["ticket"]), JobOutcome.model_validate(reply["outcome"])))
+                done.append(Finished(Ticket(*reply["ticket"]), unpacked(Ended, reply["outcome"])))
             if line is None or child.is_killed:
                 # Killed after its reply, it would take the next job with it.
                 self._restart(child)

@@ -5,6 +5,7 @@ processors, and may lose them all: the coordinator's leases bring them back.  Th
 imports ray, and only when a cluster is opened, since ray reads its environment as it is imported.
 """
 
+import json
 import logging
 import os
 import signal
@@ -12,6 +13,7 @@ import socket
 import sys
 import threading
 import time
+import zlib
 from collections.abc import Iterator
 from contextlib import chdir, contextmanager
 from pathlib import Path
@@ -19,8 +21,8 @@ from typing import Any
 
 import psutil
 
-from workers.executor import CANCEL_GRACE_S, ExecutorError, ExecutorLostError, Finished, HandedIn, Ticket
-from workers.messages import Claim, Ending, Job, JobOutcome
+from workers.executor import CANCEL_GRACE_S, ExecutorError, ExecutorLostError
+from workers.messages import Claim, Ended, Ending, Finished, HandedIn, Job, Sealed, Ticket, unpacked
 from workers.process_tree import adopt_orphans, kill, kill_descendants
 from workers.ray_nodes import (
     ForeignWorkerError,
@@ -34,7 +36,6 @@ from workers.ray_nodes import (
     probe,
     require_short,
     require_token,
-    unpacked,
     versions,
 )
 
@@ -293,7 +294,7 @@ class RayExecutor:
             raise ExecutorError(
                 f"ray executor: expected at most {n} jobs at a time, got job {ticket.job_id} too"
             )
-        claim = Claim(job_id=ticket.job_id, attempt=ticket.attempt, job=job).model_dump_json()
+        claim = Claim(**ticket._asdict(), job=job).model_dump_json()
         self._running[ticket] = _Attempt(self._task.remote(self._runner, claim, tuple(versions())))
 
     def finished(self, timeout: float) -> list[Finished]:
@@ -354,15 +355,16 @@ class RayExecutor:
             done += self._ray.wait(rest, num_returns=len(rest), timeout=0)[0]
         return [tickets[reference] for reference in done]
 
-    def _outcome(self, attempt: _Attempt) -> JobOutcome:
+    def _outcome(self, attempt: _Attempt) -> Sealed[Ended]:
         try:
-            return unpacked(self._ray.get(attempt.reference, timeout=REPLY_S))
+            reply = self._ray.get(attempt.reference, timeout=REPLY_S)
+            return unpacked(Ended, json.loads(zlib.decompress(reply)))
         except ForeignWorkerError as error:
             # Ray's error is of the class of its cause, but says the traceback.
             cause = getattr(error, "cause", error)
             raise ExecutorError(f"{cause}; install the same release on every node") from error
         except self._ray.exceptions.TaskCancelledError:
-            return JobOutcome(ending=Ending.CANCELLED)
+            return Sealed(Ended(ending=Ending.CANCELLED))
         except self._ray.exceptions.LocalRayletDiedError as error:
             # Every task ends so from now on: jobs would crash at once, again and again, and be given up.
             raise ExecutorLostError(
@@ -370,5 +372,5 @@ class RayExecutor:
             ) from error
         except self._ray.exceptions.RayError as error:
             if attempt.is_killed:
-                return JobOutcome(ending=Ending.CANCELLED)
-            return JobOutcome(ending=Ending.CRASH, error=f"worker process: expected a reply, got {error}")
+                return Sealed(Ended(ending=Ending.CANCELLED))
+            return Sealed(Ended(ending=Ending.CRASH, error=f"worker process: expected a reply, got {error}"))

@@ -35,7 +35,7 @@ from platformdirs import user_data_path
 
 from workers.child import runner_named
 from workers.executor import ExecutorError, ExecutorLostError
-from workers.messages import Claim, JobOutcome
+from workers.messages import Claim, Ended, packed, sealed
 from workers.process_tree import require_one_thread, single_threaded
 
 
@@ -78,23 +78,14 @@ def execute(runner: str, claim: str, expected: tuple[str, ...]) -> bytes:
         if tuple(versions()) != tuple(expected):
             raise ForeignWorkerError(f"worker on {platform.node()}: {difference(expected, versions())}")
         outcome = runner_named(runner)(Claim.model_validate_json(claim).job, stop)
-    return packed(outcome)
+    # So small that Ray carries up to a dozen solves in its reply.
+    return zlib.compress(json.dumps(packed(sealed(Ended, outcome))).encode())
 
 
 def difference(expected: tuple[str, ...], found: tuple[str, ...]) -> str:
     """Return in words what two versions differ in."""
     pairs = zip(Versions._fields, expected, found, strict=True)
     return "; ".join(f"expected {name} {wanted}, got {got}" for name, wanted, got in pairs if wanted != got)
-
-
-def packed(outcome: JobOutcome) -> bytes:
-    """Return an outcome small enough for Ray to carry it in its reply, where it has up to a dozen solves."""
-    return zlib.compress(json.dumps(outcome.model_dump(mode="json")).encode())
-
-
-def unpacked(reply: bytes) -> JobOutcome:
-    """Return the outcome that was packed."""
-    return JobOutcome.model_validate(json.loads(zlib.decompress(reply)))
 
 
 def _limit_threads() -> None:

@@ -29,7 +29,7 @@ from core.search import (
 )
 from core.tolerances import PAPER, violation
 from core.transcription import TOLERANCE, Transcription
-from workers.certify import certificate, finite_or_none, trajectory
+from workers.certify import finite_or_none, trajectory, verification_record
 from workers.messages import (
     KIND_NUMBERS,
     LONGEST_ERROR,
@@ -41,8 +41,8 @@ from workers.messages import (
     HopJob,
     Job,
     JobOutcome,
+    JobSettings,
     MapJob,
-    Settings,
     SolveRecord,
 )
 from workers.patience import Awake
@@ -206,7 +206,7 @@ def hop_address(job: Job, hop: int) -> HopAddress:
     return HopAddress(KIND_NUMBERS[job.kind], place.search, place.case, place.chain, hop)
 
 
-def solve_settings(settings: Settings) -> SolveSettings:
+def solve_settings(settings: JobSettings) -> SolveSettings:
     """Return core's settings; what the job leaves open keeps core's default."""
     given: dict[str, Any] = {"cpu_seconds": settings.cpu_seconds}
     if settings.max_iterations is not None:
@@ -214,13 +214,13 @@ def solve_settings(settings: Settings) -> SolveSettings:
     return SolveSettings(**given)
 
 
-def prepared(definition: dict[str, Any], settings: Settings) -> tuple[Problem, Transcription]:
+def prepared(definition: dict[str, Any], settings: JobSettings) -> tuple[Problem, Transcription]:
     """Return a problem and its transcription, which each process builds and compiles once."""
     problem = problem_from(definition)
     return problem, _transcribed(problem, **_form(settings))
 
 
-def precompiled(definition: dict[str, Any], settings: Settings) -> Problem:
+def precompiled(definition: dict[str, Any], settings: JobSettings) -> Problem:
     """Return a problem, in a process that has compiled all that its solve calls."""
     problem = problem_from(definition)
     if not _transcribed.cache_info().currsize:
@@ -228,7 +228,7 @@ def precompiled(definition: dict[str, Any], settings: Settings) -> Problem:
     return problem
 
 
-def _form(settings: Settings) -> dict[str, Any]:
+def _form(settings: JobSettings) -> dict[str, Any]:
     """Return the options of a transcription, none of which changes the meaning of x."""
     return {"n_legs": settings.n_legs, "tolerance": settings.integrator_tolerance or TOLERANCE}
 
@@ -259,7 +259,7 @@ class _Deadline:
     Pauses of the process do not count: what ends here is stored as a result of the search.
     """
 
-    def __init__(self, settings: Settings, problem: Problem, stop: Stop) -> None:
+    def __init__(self, settings: JobSettings, problem: Problem, stop: Stop) -> None:
         cap = settings.cpu_seconds * (1 + problem.k)
         self._longest_s = WALL_FACTOR * cap + WALL_MARGIN_S
         self._awake = Awake()
@@ -310,7 +310,7 @@ def _judged(problem: Problem, outcome: Outcome) -> dict[str, Any]:
     return {
         "x": as_floats(outcome.x),
         "trajectory": trajectory(problem, outcome.x, verification),
-        "certificate": certificate(verification, stopwatch.read()[0]),
+        "certificate": verification_record(verification, stopwatch.read()[0]),
     }
 
 

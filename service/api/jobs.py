@@ -17,9 +17,7 @@ from service.schemas.job import (
     Requeued,
     WorkerPage,
 )
-from service.store.completion import Report
 from service.store.jobs import MOST
-from workers.executor import Ticket
 from workers.messages import (
     ClaimAnswer,
     ClaimRequest,
@@ -85,7 +83,7 @@ def keep_jobs(
     With `extend` false it only tells, and writes nothing: between two heartbeats a worker so hears at once
     of what is cancelled.  What another token claimed counts as lost.
     """
-    held = [Ticket(job.job_id, job.attempt) for job in request.held]
+    held = [job.ticket for job in request.held]
     if request.extend:
         return store.heartbeat(request.worker, held, who.name)
     return store.look(held, who.name)
@@ -101,7 +99,7 @@ def hand_in_hops(
 
     Solves and solutions are stored as those of an outcome are, and the next attempt begins after them.
     """
-    return store.hand_in(Ticket(request.job_id, request.attempt), request.part, who.name)
+    return store.hand_in(request, who.name)
 
 
 @router.post("/jobs/complete", responses=CONFLICT)
@@ -117,7 +115,7 @@ def complete_job(
     can have had (422, which names the field).  One whose lease ran out is taken all the same if it brings a
     result and nobody has claimed the job since.
     """
-    return store.complete_many([_report(request)], who.name)[0]
+    return store.complete_many([request], who.name)[0]
 
 
 @router.post("/jobs/complete-many", responses=CONFLICT)
@@ -130,12 +128,7 @@ def complete_jobs(
 
     If one of them is refused, none is stored; sent one by one, the others are taken.
     """
-    answers = store.complete_many([_report(one) for one in request.reports], who.name)
-    return CompleteManyAnswer(answers=tuple(answers))
-
-
-def _report(request: CompleteRequest) -> Report:
-    return Report(Ticket(request.job_id, request.attempt), request.outcome, request.job_digest)
+    return CompleteManyAnswer(answers=tuple(store.complete_many(request.reports, who.name)))
 
 
 @router.post("/jobs/{job_id}/cancel", responses=CONFLICT)

@@ -35,7 +35,7 @@ from service.validation import (
     require_solve,
 )
 from workers.certificate import CertificateContent
-from workers.messages import KIND_NUMBERS, Settings
+from workers.messages import KIND_NUMBERS, JobSettings
 
 
 def require_campaign(line: CampaignLine, spec: Spec, known: Mapping[str, Spec]) -> None:
@@ -79,7 +79,7 @@ class Work(NamedTuple):
     #: Of the problems, by search and case.
     hashes: list[list[str]]
     #: By search.
-    settings: tuple[Settings, ...]
+    settings: tuple[JobSettings, ...]
 
 
 #: Before the jobs of a campaign are read.

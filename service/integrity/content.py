@@ -43,7 +43,7 @@ from service.validation import (
     require_solve,
 )
 from workers.certificate import CertificateContent
-from workers.messages import KIND_NUMBERS, Ending, Provenance, Settings
+from workers.messages import KIND_NUMBERS, Ending, JobSettings, Provenance
 
 #: Rows that are in memory at once.
 CHUNK = 1000
@@ -86,7 +86,7 @@ class _Reader:
         self._bad_provenances: set[str] = set()
         #: Specifications by campaign; None where this machine cannot read one, as without its target.
         self._specs: dict[int, tuple[int, Spec | None]] = {}
-        self._settings: dict[tuple[int, int], Settings] = {}
+        self._settings: dict[tuple[int, int], JobSettings] = {}
 
     def provenances(self) -> Iterator[Unsound]:
         for row in self._rows(select(*_raw(ProvenanceRow))):

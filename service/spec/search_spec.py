@@ -7,7 +7,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 
 from core.problem import LONGEST_OUTAGE_DAYS, Outage
 from core.search.settings import GUESS_LAWS, HOP_LAWS, REFINED, SHAPES, HopSettings, check_mapping
-from workers.messages import HopLaws, Settings
+from workers.messages import HopLaws, JobSettings
 
 #: What only one of the two kinds of search may set.
 CHAIN_FIELDS = (*HopLaws.model_fields, "hops")
@@ -145,9 +145,9 @@ class SearchSpec(Strict):
     #: Solves per chain; 1 is multistart.
     hops: Annotated[StrictInt, Field(ge=1, le=10_000)] = 1
     #: Cap per guess [s], scaled by 1 + k.
-    cpu_seconds: Annotated[float, Field(gt=0, le=86400)] = Settings().cpu_seconds
+    cpu_seconds: Annotated[float, Field(gt=0, le=86400)] = JobSettings().cpu_seconds
     max_iterations: Annotated[StrictInt, Field(ge=1, le=1_000_000)] | None = None
-    n_legs: Annotated[StrictInt, Field(ge=1, le=200)] = Settings().n_legs
+    n_legs: Annotated[StrictInt, Field(ge=1, le=200)] = JobSettings().n_legs
     #: None: core's own.
     integrator_tolerance: Annotated[float, Field(ge=1e-14, le=1e-3)] | None = None
     #: Part of the workers, beside searches of equal priority.
@@ -202,11 +202,11 @@ class SearchSpec(Strict):
         return HopLaws(**{name: getattr(self, name) for name in HopLaws.model_fields})
 
     @property
-    def settings(self) -> Settings:
+    def settings(self) -> JobSettings:
         """What shapes every solve."""
-        names = set(Settings.model_fields) - {"is_reference_frozen"}
+        names = set(JobSettings.model_fields) - {"is_reference_frozen"}
         fields = {name: getattr(self, name) for name in names}
-        return Settings(**fields, is_reference_frozen=self.reference == "frozen")
+        return JobSettings(**fields, is_reference_frozen=self.reference == "frozen")
 
     @model_validator(mode="after")
     def _cases_match(self) -> Self:

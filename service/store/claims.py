@@ -15,8 +15,7 @@ from service.db.tables import AttemptRow, CampaignRow, CaseRow, JobRow, SearchRo
 from service.scheduler import LONGEST_BACKOFF_S, Share, in_turn, mean_cost_s
 from service.store.cache import definition_of, layout_of_problem, search_spec
 from service.store.errors import OtherClaimantError
-from workers.executor import Ticket
-from workers.messages import Address, ChainPlace, Claim, HopJob, MapJob
+from workers.messages import Address, ChainPlace, Claim, HopJob, MapJob, Ticket
 
 # Statements are made once: to build one takes longer than to run it.  States stand in them as text, since
 # only then are the indexes of one state used.

@@ -5,7 +5,7 @@ That are solves, solutions and the links to their seeds, and the jobs that a new
 
 import logging
 from collections.abc import Sequence
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 from sqlalchemy import bindparam, func, select, update
@@ -45,18 +45,20 @@ from service.store.events import noted, noted_job, store
 from service.store.planning import add_jobs, go_on_after, is_used_up
 from service.store.statistics import Counts, scope_of
 from service.validation import JobFacts, UnsoundError, require_outcome, require_records, solution_hash
-from workers.executor import Ticket
 from workers.messages import (
     KIND_NUMBERS,
     RESULTS,
     ChainPart,
     ChainPlace,
     CompleteAnswer,
+    CompleteRequest,
     Ending,
     HandInAnswer,
+    HandInRequest,
     JobOutcome,
     SolveRecord,
     StaleAttemptError,
+    Ticket,
     job_digest,
 )
 
@@ -203,15 +205,6 @@ def _takers(session: Session, work: Worked) -> Sequence[tuple[SearchRow, Campaig
     return work.takers
 
 
-class Report(NamedTuple):
-    """What comes back from a worker."""
-
-    ticket: Ticket
-    outcome: JobOutcome
-    #: `workers.messages.job_digest` of what it ran, where that is to be compared.
-    digest: str | None = None
-
-
 #: Endings that say nothing about the job itself: it may run again.
 FAILURES = (Ending.CRASH, Ending.LOST)
 #: Endings of attempts whose own result may come yet: nobody heard of it, or its report was refused.
@@ -232,26 +225,23 @@ _CHARGE = (
 
 
 def complete(
-    session: Session,
-    reports: Sequence[Report | tuple[Ticket, JobOutcome]],
-    now: float,
-    by: str | None = None,
+    session: Session, reports: Sequence[CompleteRequest], now: float, by: str | None = None
 ) -> list[CompleteAnswer]:
     """Store outcomes, their solutions, their links and what follows from them, or refuse all with a late one.
 
     A report that was accepted before gets the stored answer, and changes nothing.  `by` names the token
     that reports, which has to be the one that claimed.
     """
-    all_reports = [Report(*report) for report in reports]
-    held = lock_attempt(session, [report.ticket for report in all_reports], by)
+    held = lock_attempt(session, [report.ticket for report in reports], by)
     worked: dict[int, Worked] = {}
     counts = Counts()
     answers: list[CompleteAnswer] = []
-    for ticket, outcome, digest in all_reports:
+    for report in reports:
+        ticket, outcome = report.ticket, report.outcome
         # The same report twice finds nothing the second time.
         mine = held.pop(ticket, None) or _taken_up(session, ticket, outcome, counts, now, by)
-        if mine is not None and digest is not None:
-            _require_same_job(session, mine, digest)
+        if mine is not None and report.job_digest is not None:
+            _require_same_job(session, mine, report.job_digest)
         if mine is None:
             answers.append(_stored_answer(session, ticket, by))
             continue
@@ -262,13 +252,12 @@ def complete(
     return answers
 
 
-def hand_in(
-    session: Session, ticket: Ticket, part: ChainPart, now: float, by: str | None = None
-) -> HandInAnswer:
+def hand_in(session: Session, request: HandInRequest, now: float, by: str | None = None) -> HandInAnswer:
     """Store hops of a chain that goes on, behind the same fence and with all that follows from them.
 
     The next attempt begins after them.  What came before changes nothing.
     """
+    ticket, part = request.ticket, request.part
     held = lock_attempt(session, [ticket], by).get(ticket)
     if held is None:
         raise _stale(ticket)
@@ -282,7 +271,7 @@ def hand_in(
     _move(session, held, part.place)
     _follow_up(session, [work], counts, now)
     next_hop = max(part.place.next_hop, held.job.place["next_hop"])
-    return HandInAnswer(job_id=ticket.job_id, attempt=ticket.attempt, next_hop=next_hop)
+    return HandInAnswer(**ticket._asdict(), next_hop=next_hop)
 
 
 def _follow_up(session: Session, worked: Sequence[Worked], counts: Counts, now: float) -> None:
@@ -420,7 +409,7 @@ def _stale(ticket: Ticket) -> StaleAttemptError:
 
 
 def _answer(ticket: Ticket, state: str) -> CompleteAnswer:
-    return CompleteAnswer(job_id=ticket.job_id, attempt=ticket.attempt, state=cast(Any, state))
+    return CompleteAnswer(**ticket._asdict(), state=cast(Any, state))
 
 
 def _charge(session: Session, work: Worked) -> None:

@@ -13,8 +13,7 @@ from service.store.completion import end_attempt
 from service.store.events import note_job
 from service.store.planning import advance
 from service.store.statistics import Counts
-from workers.executor import Ticket
-from workers.messages import Ending, HeartbeatAnswer, HeldJob
+from workers.messages import Ending, HeartbeatAnswer, HeldJob, Ticket
 
 #: As text, since only then is the index of this state used.
 _IS_RUNNING = JobRow.state == literal_column("'running'")
@@ -72,7 +71,7 @@ def _is_held(tickets: Sequence[Ticket], by: str | None) -> ColumnElement[bool]:
 
 
 def _messages(tickets: Iterable[Ticket]) -> tuple[HeldJob, ...]:
-    return tuple(HeldJob(job_id=ticket.job_id, attempt=ticket.attempt) for ticket in tickets)
+    return tuple(HeldJob(**ticket._asdict()) for ticket in tickets)
 
 
 def reap(session: Session, now: float, lease_s: float) -> int:

@@ -57,14 +57,15 @@ from service.store.identity import Identities
 from service.store.jobs import Activity
 from service.store.seeds import family, seeds_of_problem, seeds_of_search
 from service.store.statistics import OperatorMetrics, require_writable
-from workers.executor import Ticket
 from workers.messages import (
-    ChainPart,
     Claim,
     CompleteAnswer,
+    CompleteRequest,
     HandInAnswer,
+    HandInRequest,
     HeartbeatAnswer,
     JobOutcome,
+    Ticket,
     WorkerInfo,
 )
 
@@ -174,18 +175,16 @@ class Store(Archive):
         with self._database.read() as session:
             return leases.look(session, held, by)
 
-    def hand_in(self, ticket: Ticket, part: ChainPart, by: str | None = None) -> HandInAnswer:
+    def hand_in(self, request: HandInRequest, by: str | None = None) -> HandInAnswer:
         """Store hops of a chain that goes on; a stale part raises, one that came before changes nothing."""
-        return self._database.write(
-            lambda session: completion.hand_in(session, ticket, part, self._clock(), by)
-        )
+        return self._database.write(lambda session: completion.hand_in(session, request, self._clock(), by))
 
     def complete(self, ticket: Ticket, outcome: JobOutcome, by: str | None = None) -> CompleteAnswer:
         """Take back an outcome; a stale one raises and changes nothing, a repeated one gets its answer."""
-        return self.complete_many([(ticket, outcome)], by)[0]
+        return self.complete_many([CompleteRequest(**ticket._asdict(), outcome=outcome)], by)[0]
 
     def complete_many(
-        self, reports: Sequence[completion.Report | tuple[Ticket, JobOutcome]], by: str | None = None
+        self, reports: Sequence[CompleteRequest], by: str | None = None
     ) -> list[CompleteAnswer]:
         """Take back outcomes in one transaction; a stale one among them raises, and none is stored."""
         return self._database.write(

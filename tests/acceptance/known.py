@@ -16,7 +16,7 @@ from core.tolerances import violation
 from core.verification.verify import verify
 from service.spec import spec_from
 from tests.service.campaigns import dispatcher_on
-from workers.certify import certificate, trajectory
+from workers.certify import trajectory, verification_record
 from workers.executor import Inline
 from workers.messages import Ending, HopJob, JobOutcome, Provenance, SolveRecord
 from workers.run import hop_address
@@ -70,7 +70,7 @@ def record(job, x):
         defects=defects,
         x=tuple(x),
         trajectory=flown,
-        certificate=certificate(found, 0.3),
+        certificate=verification_record(found, 0.3),
         **_common(job, job.address.hop),
     )
 

@@ -9,7 +9,6 @@ from benchmarks.probe import percentile_ms
 from benchmarks.service import main
 from service.store.store import Store
 from tests.service.campaigns import submitted
-from workers.executor import Ticket
 from workers.messages import JobOutcome
 
 
@@ -27,7 +26,7 @@ def test_simulated_outcomes_are_taken_for_real_ones_of_both_kinds(store):
             job = json.loads(claim.job.model_dump_json())
             answer = as_json({"outcome": outcome(job, np.random.default_rng(claim.job_id), 1.0)})
             report = JobOutcome.model_validate(json.loads(answer)["outcome"])
-            store.complete(Ticket(claim.job_id, claim.attempt), report)
+            store.complete(claim.ticket, report)
             kinds.add(claim.job.kind)
     s0, s1 = store.campaign(1).searches
     assert kinds == {"hop", "map"} and s0.n_strict == 8 and s1.n_strict == 8

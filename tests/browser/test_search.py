@@ -10,7 +10,6 @@ from service.spec import spec_from
 from tests.browser import hopping
 from tests.browser.conftest import SCREENS, serving
 from tests.service.campaigns import spec_fields
-from workers.executor import Ticket
 
 WORST = "<img src=x onerror=alert(1)>"
 
@@ -116,7 +115,7 @@ def test_new_hops_appear_by_themselves_and_text_of_users_stays_text(visit, serve
         page.wait_for_selector("#connection[data-connection=live]")
         assert WORST in page.inner_text("#crumbs") and page.locator("img[src=x]").count() == 0
         (claim,) = store.claim("somebody", 1)
-        store.complete(Ticket(claim.job_id, claim.attempt), hopping.run_hopping(claim.job))
+        store.complete(claim.ticket, hopping.run_hopping(claim.job))
         page.wait_for_selector("[data-solve] >> nth=11", state="attached", timeout=10_000)
         assert "12 of 120" in page.inner_text("#facts")
         page.close()

@@ -12,7 +12,6 @@ from service.store.store import Store
 from tests.browser import hopping
 from tests.browser.conftest import SCREENS, serving
 from tests.service.by_hand import worker_info
-from workers.executor import Ticket
 from workers.messages import Ending, JobOutcome
 
 WORST = "<img src=x onerror=alert(1)>"
@@ -22,7 +21,7 @@ INFO = worker_info("node7:4711", slots=2).model_copy(update=NEED)
 
 
 def report(store, claim, outcome=None):
-    store.complete(Ticket(claim.job_id, claim.attempt), outcome or hopping.run_hopping(claim.job))
+    store.complete(claim.ticket, outcome or hopping.run_hopping(claim.job))
 
 
 @pytest.fixture

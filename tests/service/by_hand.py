@@ -3,7 +3,6 @@
 import platform
 
 from tests.workers.fake import run_fake
-from workers.executor import Ticket
 from workers.messages import WorkerInfo
 from workers.provenance import code_version
 
@@ -23,4 +22,4 @@ def work_off(store):
     """Work until the queue is empty."""
     while claims := store.claim("node7:1", 8):
         for claim in claims:
-            store.complete(Ticket(claim.job_id, claim.attempt), run_fake(claim.job))
+            store.complete(claim.ticket, run_fake(claim.job))

@@ -7,8 +7,14 @@ from service.store.store import Store
 from tests.workers.fake import run_fake
 from tests.workers.jobs import worker_info
 from workers.dispatcher import Dispatcher
-from workers.executor import Inline, Ticket
-from workers.messages import ClaimAnswer, CompleteManyAnswer, CompleteManyRequest, UnacceptableError
+from workers.executor import Inline
+from workers.messages import (
+    ClaimAnswer,
+    CompleteManyAnswer,
+    CompleteRequest,
+    HandInRequest,
+    UnacceptableError,
+)
 
 OUTAGE = {"segment": 24, "duration_days": 1.0}
 #: Nine days of spiral, for which there may be propellant.
@@ -53,19 +59,18 @@ class StoreSource:
         return ClaimAnswer(claims=tuple(claims), lease_s=leases.lease_s, heartbeat_s=leases.heartbeat_s)
 
     def heartbeat(self, request):
-        held = [Ticket(job.job_id, job.attempt) for job in request.held]
-        return self._store.heartbeat(request.worker.name, held)
+        return self._store.heartbeat(request.worker.name, [job.ticket for job in request.held])
 
-    def hand_in(self, request):
-        return self._store.hand_in(Ticket(request.job_id, request.attempt), request.part)
+    def hand_in(self, part):
+        return self._store.hand_in(HandInRequest.model_validate_json(part.to_json()))
 
-    def complete(self, request):
-        return self.complete_many(CompleteManyRequest(reports=(request,))).answers[0]
+    def complete(self, report):
+        return self.complete_many([report]).answers[0]
 
-    def complete_many(self, request):
-        reports = [(Ticket(one.job_id, one.attempt), one.outcome) for one in request.reports]
+    def complete_many(self, reports):
+        requests = [CompleteRequest.model_validate_json(report.to_json()) for report in reports]
         try:
-            return CompleteManyAnswer(answers=tuple(self._store.complete_many(reports)))
+            return CompleteManyAnswer(answers=tuple(self._store.complete_many(requests)))
         except StoreError as error:
             raise UnacceptableError(str(error)) from error
 

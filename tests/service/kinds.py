@@ -22,7 +22,7 @@ from service.store.store import Store
 from tests.acceptance import known
 from tests.service.campaigns import dispatcher_on
 from tests.workers.jobs import worker_info
-from workers.executor import Inline, Ticket
+from workers.executor import Inline
 from workers.messages import Ending, HopJob, JobOutcome
 
 VECTORS = Path(__file__).parent / "data" / "kinds.json"
@@ -107,7 +107,7 @@ def _worked_off(store, fields, runner):
 def _begun(store, fields, verb):
     campaign_id, _ = store.submit(spec_from(fields))
     for claim in store.claim(worker_info("node7:1"), 3, campaign_id):
-        store.complete(Ticket(claim.job_id, claim.attempt), run_known(claim.job))
+        store.complete(claim.ticket, run_known(claim.job))
     store.control_campaign(campaign_id, verb)
     return campaign_id
 
@@ -116,11 +116,11 @@ def _running(store):
     """Leave a campaign with jobs that are done, run, and were given up, and with others in the queue."""
     campaign_id, _ = store.submit(spec_from(_chains("running", 40)))
     first, second, *_ = store.claim(worker_info("node7:1"), 5, campaign_id)
-    store.complete(Ticket(first.job_id, first.attempt), run_known(first.job))
+    store.complete(first.ticket, run_known(first.job))
     broken = JobOutcome(
         ending=Ending.ERROR, error="Traceback ...\nZeroDivisionError: oh", provenance=known.PROVENANCE
     )
-    store.complete(Ticket(second.job_id, second.attempt), broken)
+    store.complete(second.ticket, broken)
     return campaign_id
 
 

@@ -19,7 +19,6 @@ from core.transcription import layout_of
 from workers.certify import trajectory
 from workers.messages import (
     KIND_NUMBERS,
-    Certificate,
     ChainPart,
     ChainPlace,
     Ending,
@@ -28,6 +27,7 @@ from workers.messages import (
     MapJob,
     Provenance,
     SolveRecord,
+    VerificationRecord,
 )
 
 PROVENANCE = Provenance(
@@ -79,7 +79,7 @@ def record(job, hop, feasible_share=0.5):
         objective_kg=final_mass,
         x=tuple(x.tolist()),
         trajectory=flown(problem, start, x),
-        certificate=Certificate(
+        certificate=VerificationRecord(
             paper=True, strict=bool(rng.random() < 0.8), defects=defects, cpu_seconds=0.1
         ),
         **common,
@@ -110,6 +110,18 @@ def reflown(job, solve, **changes):
         x[getattr(own, name)] = value
     more = {"x": tuple(x.tolist()), "trajectory": flown(problem, start, x)}
     return solve.model_copy(update=more | {"objective_kg": float(x[own.final_mass])})
+
+
+def part_of(job, hops, n_done):
+    """Return some hops of a chain that goes on."""
+    outcome = run_fake(job)
+    place = ChainPlace(next_hop=n_done, ending=Ending.FEASIBLE, failures=0, width=0.1, has_incumbent=False)
+    return ChainPart(solves=[outcome.solves[hop] for hop in hops], provenance=outcome.provenance, place=place)
+
+
+def opened(outcome):
+    """Return an outcome that is sealed as whoever stores it reads it."""
+    return JobOutcome.model_validate_json(outcome.to_json())
 
 
 def run_fake(job, stop=lambda: False):

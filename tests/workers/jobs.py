@@ -3,7 +3,7 @@
 import platform
 
 from core.problem import load_problem
-from workers.messages import Address, HopJob, Settings, WorkerInfo
+from workers.messages import Address, HopJob, JobSettings, WorkerInfo
 from workers.provenance import code_version
 
 PROBLEM = load_problem("ppe-drm3")
@@ -15,7 +15,7 @@ def hop_job(chain=0, n_hops=1, **changes):
         "rng_seed": 2026,
         "address": Address(search=0, chain=chain),
         "n_hops": n_hops,
-        "settings": Settings(cpu_seconds=5.0, max_iterations=3),
+        "settings": JobSettings(cpu_seconds=5.0, max_iterations=3),
     }
     return HopJob(**(fields | changes))
 

@@ -15,7 +15,8 @@ from pathlib import Path
 import psutil
 
 from tests.workers.jobs import hop_job
-from workers.executor import ExecutorLostError, Ticket
+from workers.executor import ExecutorLostError
+from workers.messages import Ticket
 from workers.ray_executor import RayCluster, RayExecutor
 from workers.ray_nodes import Watchdog
 
@@ -28,7 +29,7 @@ def opened(folder, patience_s=30.0):
 
 def ending_of_one_job(executor):
     executor.submit(Ticket(1, 1), hop_job(chain=1))
-    return executor.finished(60.0)[0].outcome.ending
+    return executor.finished(60.0)[0].outcome.head.ending
 
 
 def deaf_job_runs(executor):

@@ -12,17 +12,20 @@ from workers.messages import (
     Claim,
     ClaimAnswer,
     ClaimRequest,
-    CompleteRequest,
+    Ended,
     FaultyError,
+    Finished,
     HeartbeatRequest,
     HeldJob,
     RefusedError,
     StaleAttemptError,
+    Ticket,
     UnacceptableError,
     UnreachableError,
+    sealed,
 )
 
-REPORT = CompleteRequest(job_id=1, attempt=2, outcome=run_fake(hop_job()))
+REPORT = Finished(Ticket(1, 2), sealed(Ended, run_fake(hop_job())))
 CLAIM = ClaimRequest(worker=worker_info(), n_jobs=1)
 
 

@@ -6,20 +6,23 @@ import time
 import pytest
 
 from tests.service.clock import Clock
-from tests.workers.fake import run_fake
+from tests.workers.fake import opened, run_fake
 from tests.workers.jobs import hop_job, worker_info
 from workers.dispatcher import Dispatcher, StaleAttemptError
-from workers.executor import ExecutorLostError, Inline, Ticket
+from workers.executor import ExecutorLostError, Inline
 from workers.messages import (
     Claim,
     ClaimAnswer,
     CompleteAnswer,
     CompleteManyAnswer,
+    Ended,
     Ending,
     FaultyError,
     HeartbeatAnswer,
+    Ticket,
     UnacceptableError,
     UnreachableError,
+    sealed,
     wall_limit_s,
 )
 from workers.patience import Backoff
@@ -52,16 +55,15 @@ class ListSource:
             not_held=[job for job in request.held if job.job_id in self.lost],
         )
 
-    def complete(self, request):
-        ticket = Ticket(request.job_id, request.attempt)
-        assert ticket not in self.reported
-        self.reported[ticket] = request.outcome
-        return CompleteAnswer(job_id=request.job_id, attempt=request.attempt, state="done")
+    def complete(self, report):
+        assert report.ticket not in self.reported
+        self.reported[report.ticket] = opened(report.outcome)
+        return CompleteAnswer(**report.ticket._asdict(), state="done")
 
-    def complete_many(self, request):
+    def complete_many(self, reports):
         before = dict(self.reported)
         try:
-            return CompleteManyAnswer(answers=tuple(map(self.complete, request.reports)))
+            return CompleteManyAnswer(answers=tuple(map(self.complete, reports)))
         except Exception:
             # All or none.
             self.reported = before
@@ -71,7 +73,7 @@ class ListSource:
 class DeafSource(ListSource):
     """Refuses every report, as after a lease that was taken over."""
 
-    def complete(self, request):
+    def complete(self, report):
         raise StaleAttemptError("job: expected to hold it, got a stale report")
 
 
@@ -82,11 +84,11 @@ class FailingSource(ListSource):
         super().__init__(n_jobs)
         self.fault, self.n_left = fault, dict.fromkeys(range(1, n_jobs + 1), n_faults)
 
-    def complete(self, request):
-        self.n_left[request.job_id] -= 1
-        if self.n_left[request.job_id] >= 0:
+    def complete(self, report):
+        self.n_left[report.ticket.job_id] -= 1
+        if self.n_left[report.ticket.job_id] >= 0:
             raise self.fault
-        return super().complete(request)
+        return super().complete(report)
 
 
 def work(dispatcher, is_done, seconds=120.0):
@@ -230,16 +232,16 @@ def test_a_hop_that_is_slow_is_not_taken_for_hung():
 class PickySource(ListSource):
     """Has given one job to somebody else."""
 
-    def complete(self, request):
-        if request.job_id == 2:
+    def complete(self, report):
+        if report.ticket.job_id == 2:
             raise StaleAttemptError("job: expected to hold it, got a stale report")
-        return super().complete(request)
+        return super().complete(report)
 
 
 @pytest.mark.parametrize(("kind", "expected"), [(ListSource, {1, 2, 3}), (PickySource, {1, 3})])
 def test_what_ended_meanwhile_is_reported_together_and_one_by_one_where_one_is_refused(kind, expected):
     source = kind(3)
     dispatcher = Dispatcher(source, Inline(run_fake), INFO)
-    dispatcher._unreported = {Ticket(i, 1): run_fake(hop_job(chain=i - 1)) for i in (1, 2, 3)}
+    dispatcher._unreported = {Ticket(i, 1): sealed(Ended, run_fake(hop_job(chain=i - 1))) for i in (1, 2, 3)}
     dispatcher._report()
     assert {ticket.job_id for ticket in source.reported} == expected and dispatcher.held() == []

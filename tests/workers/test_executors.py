@@ -9,8 +9,8 @@ import pytest
 
 from tests.workers import fake
 from tests.workers.jobs import hop_job
-from workers.executor import ExecutorError, Inline, Ticket
-from workers.messages import Ending
+from workers.executor import ExecutorError, Inline
+from workers.messages import Ending, Ticket
 from workers.process_pool import ProcessPool
 from workers.process_tree import THREAD_VARIABLES
 
@@ -61,7 +61,7 @@ def collected(executor, n, seconds=60.0):
 
 
 def endings(executor, n):
-    return [done.outcome.ending for done in collected(executor, n)]
+    return [done.outcome.head.ending for done in collected(executor, n)]
 
 
 @every_kind
@@ -70,7 +70,7 @@ def test_an_outcome_is_what_the_runner_returned(opened, kind):
     executor.submit(Ticket(5, 2), hop_job(chain=3, n_hops=4))
     (finished,) = collected(executor, 1)
     assert finished.ticket == Ticket(5, 2)
-    assert finished.outcome == fake.run_fake(hop_job(chain=3, n_hops=4))
+    assert fake.opened(finished.outcome) == fake.run_fake(hop_job(chain=3, n_hops=4))
 
 
 @every_kind
@@ -101,14 +101,14 @@ def test_cancelling_an_unknown_ticket_changes_nothing(opened, kind):
     executor.cancel(Ticket(77, 1))
     executor.cancel(Ticket(77, 1), force=True)
     executor.submit(Ticket(1, 1), hop_job())
-    assert collected(executor, 1)[0].outcome.ending is not Ending.CANCELLED
+    assert collected(executor, 1)[0].outcome.head.ending is not Ending.CANCELLED
 
 
 def test_a_job_that_waits_can_be_cancelled(opened):
     executor = opened("inline")
     executor.submit(Ticket(1, 1), hop_job())
     executor.cancel(Ticket(1, 1))
-    assert [done.outcome.ending for done in executor.finished(0.0)] == [Ending.CANCELLED]
+    assert [done.outcome.head.ending for done in executor.finished(0.0)] == [Ending.CANCELLED]
 
 
 @with_processes
@@ -119,7 +119,8 @@ def test_a_running_solve_sees_the_stop_flag_and_its_outcome_counts(opened, kind)
     executor.cancel(Ticket(1, 1))
     (finished,) = collected(executor, 1)
     # Only the runner itself knows its provenance: it was not killed, but returned.
-    assert finished.outcome.ending is Ending.CANCELLED and finished.outcome.provenance == fake.PROVENANCE
+    head = finished.outcome.head
+    assert head.ending is Ending.CANCELLED and head.provenance == fake.PROVENANCE
 
 
 @with_processes
@@ -159,8 +160,8 @@ def test_an_executor_works_on_after_a_crash(opened, kind):
     for number in (1, 2, 1, 2):
         executor.submit(Ticket(number, 1), hop_job(chain=number))
         (finished,) = collected(executor, 1)
-        crashed.append(finished.outcome.ending is Ending.CRASH)
-        assert ("worker process: expected a reply, got" in (finished.outcome.error or "")) is crashed[-1]
+        crashed.append(finished.outcome.head.ending is Ending.CRASH)
+        assert ("worker process: expected a reply, got" in (finished.outcome.head.error or "")) is crashed[-1]
     assert crashed == [True, False, True, False]
 
 
@@ -170,7 +171,7 @@ def test_a_job_runs_in_another_process_with_one_thread(opened, kind, monkeypatch
         monkeypatch.setenv(name, "2")
     executor = opened(kind, "run_reporting_threads")
     executor.submit(Ticket(1, 1), hop_job())
-    pid, variable, threads = collected(executor, 1)[0].outcome.error.split(maxsplit=2)
+    pid, variable, threads = collected(executor, 1)[0].outcome.head.error.split(maxsplit=2)
     assert int(pid) != os.getpid() and variable == "1" and threads == "[1]"
 
 
@@ -178,7 +179,7 @@ def test_a_job_runs_in_another_process_with_one_thread(opened, kind, monkeypatch
 def test_what_a_solver_prints_does_not_disturb_the_reply(opened, kind):
     executor = opened(kind, "run_printing")
     executor.submit(Ticket(1, 1), hop_job())
-    assert collected(executor, 1)[0].outcome == fake.run_fake(hop_job())
+    assert fake.opened(collected(executor, 1)[0].outcome) == fake.run_fake(hop_job())
 
 
 def test_a_closed_pool_leaves_no_process_even_of_a_deaf_job():
@@ -194,7 +195,7 @@ def test_a_process_that_does_not_listen_is_killed_and_its_slot_starts_again(pool
     pool.submit(Ticket(1, 1), hop_job())
     before = set(pool.processes())
     pool.cancel(Ticket(1, 1), force=True)
-    assert [done.outcome.ending for done in collected(pool, 1)] == [Ending.CANCELLED]
+    assert [done.outcome.head.ending for done in collected(pool, 1)] == [Ending.CANCELLED]
     assert pool.capacity() == 2 and len(set(pool.processes()) - before) == 1
 
 
@@ -205,8 +206,8 @@ def test_a_killed_process_is_a_crash_of_its_own_job_alone(pool):
     victim = next(pid for pid, ticket in pool.processes().items() if ticket == Ticket(1, 1))
     os.kill(victim, signal.SIGKILL)
     (finished,) = collected(pool, 1)
-    assert finished.ticket == Ticket(1, 1) and finished.outcome.ending is Ending.CRASH
-    assert "exit code -9" in finished.outcome.error
+    assert finished.ticket == Ticket(1, 1) and finished.outcome.head.ending is Ending.CRASH
+    assert "exit code -9" in finished.outcome.head.error
     assert Ticket(2, 1) in pool.processes().values()
 
 
@@ -214,7 +215,7 @@ def test_a_killed_process_is_a_crash_of_its_own_job_alone(pool):
 def test_a_process_that_dies_within_its_reply_is_a_crash_of_its_own_job_alone(pool):
     pool.submit(Ticket(1, 1), hop_job(chain=1))
     pool.submit(Ticket(2, 1), hop_job(chain=2))
-    crashed = {done.ticket: done.outcome.ending is Ending.CRASH for done in collected(pool, 2)}
+    crashed = {done.ticket: done.outcome.head.ending is Ending.CRASH for done in collected(pool, 2)}
     assert crashed == {Ticket(1, 1): True, Ticket(2, 1): False}
 
 
@@ -227,7 +228,8 @@ def test_a_process_that_is_killed_after_its_reply_gets_no_further_job():
         pool.cancel(Ticket(1, 1), force=True)
         for number in (1, 2):
             (finished,) = collected(pool, 1)
-            assert finished.ticket == Ticket(number, 1) and finished.outcome == fake.run_fake(hop_job())
+            assert finished.ticket == Ticket(number, 1)
+            assert fake.opened(finished.outcome) == fake.run_fake(hop_job())
             pool.submit(Ticket(number + 1, 1), hop_job())
     finally:
         pool.close()

@@ -10,23 +10,25 @@ import pytest
 from core.nlp import ExitStatus, Outcome
 from core.search import Chain, ChainState, HopSettings, Incumbent
 from core.transcription import Layout, TrajectoryLayout
-from tests.workers.fake import run_fake
+from tests.workers.fake import opened, part_of, run_fake
 from tests.workers.jobs import hop_job, worker_info
 from tests.workers.test_dispatcher import ListSource
 from workers import run
 from workers.dispatcher import Dispatcher
-from workers.executor import HandedIn, Inline, Ticket
+from workers.executor import Inline
 from workers.messages import (
-    ChainPart,
     ChainPlace,
     Ending,
     FaultyError,
+    HandedIn,
     HandInAnswer,
-    HopJob,
     HopLaws,
     JobOutcome,
+    Reached,
     StaleAttemptError,
+    Ticket,
     UnreachableError,
+    sealed,
 )
 from workers.process_pool import ProcessPool
 
@@ -143,12 +145,6 @@ def test_what_could_not_be_flown_stays_an_incumbent_that_anything_finite_beats(v
     assert chain.tell(same) == again.tell(same) == "rejected"
 
 
-def part_of(job: HopJob, hops, n_done):
-    outcome = run_fake(job)
-    place = ChainPlace(next_hop=n_done, ending=Ending.FEASIBLE, failures=0, width=0.1, has_incumbent=False)
-    return ChainPart(solves=[outcome.solves[hop] for hop in hops], provenance=outcome.provenance, place=place)
-
-
 class Talking(Inline):
     """Hands in two parts of a chain, then ends as it is told."""
 
@@ -158,7 +154,10 @@ class Talking(Inline):
 
     def submit(self, ticket, job):
         super().submit(ticket, job)
-        self.parts = [HandedIn(ticket, part_of(job, (0, 1), 2)), HandedIn(ticket, part_of(job, (2,), 3))]
+        self.parts = [
+            HandedIn(ticket, sealed(Reached, part_of(job, hops, end)))
+            for hops, end in (((0, 1), 2), ((2,), 3))
+        ]
 
     def handed_in(self):
         parts, self.parts = self.parts, []
@@ -171,18 +170,18 @@ class TakingSource(ListSource):
     def __init__(self, *faults):
         super().__init__(0)
         job = hop_job(n_hops=5)
-        self.waiting = [SimpleNamespace(job_id=1, attempt=1, job=job)]
+        self.waiting = [SimpleNamespace(ticket=Ticket(1, 1), job=job)]
         self.faults, self.parts = list(faults), []
 
     def claim(self, request):
         claims, self.waiting = self.waiting, []
         return SimpleNamespace(claims=claims, heartbeat_s=0.02)
 
-    def hand_in(self, request):
+    def hand_in(self, part):
         if self.faults:
             raise self.faults.pop(0)
-        self.parts.append([solve.hop for solve in request.part.solves])
-        return HandInAnswer(job_id=1, attempt=1, next_hop=request.part.place.next_hop)
+        self.parts.append([solve.hop for solve in part.part.solves])
+        return HandInAnswer(job_id=1, attempt=1, next_hop=part.part.head.place.next_hop)
 
 
 def worked(source, outcome=None):
@@ -232,4 +231,4 @@ def test_a_child_sends_parts_through_its_pipe_and_then_the_outcome():
         parts += pool.handed_in()
     pool.close()
     assert [[solve.hop for solve in part.part.solves] for part in parts] == [[0], [1]]
-    assert done[0].outcome == run_fake(hop_job(n_hops=3)) and parts[0].ticket == Ticket(1, 1)
+    assert opened(done[0].outcome) == run_fake(hop_job(n_hops=3)) and parts[0].ticket == Ticket(1, 1)

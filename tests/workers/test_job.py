@@ -5,9 +5,26 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from tests.workers.fake import run_fake
+from tests.workers.fake import part_of, run_fake
 from tests.workers.jobs import PROBLEM, hop_job
-from workers.messages import Address, Claim, HopJob, JobOutcome, MapJob, Settings
+from workers.messages import (
+    Address,
+    Claim,
+    CompleteRequest,
+    Ended,
+    Finished,
+    HandedIn,
+    HandInRequest,
+    HopJob,
+    JobSettings,
+    MapJob,
+    Reached,
+    SealedSolve,
+    Ticket,
+    packed,
+    sealed,
+    unpacked,
+)
 from workers.process_tree import THREAD_VARIABLES, single_threaded
 
 FLOATS = st.floats(allow_nan=False, allow_infinity=False)
@@ -30,9 +47,23 @@ def test_a_map_job_crosses_a_pipe_bit_by_bit(x, chain):
     assert again == claim and [float(a).hex() for a in again.job.seed_x] == [float(a).hex() for a in x]
 
 
-def test_an_outcome_crosses_a_pipe():
+def test_an_outcome_crosses_a_pipe_and_the_network_with_its_solves_unread():
     outcome = run_fake(hop_job(n_hops=6))
-    assert JobOutcome.model_validate(json.loads(json.dumps(outcome.model_dump(mode="json")))) == outcome
+    carried = unpacked(Ended, json.loads(json.dumps(packed(sealed(Ended, outcome)))))
+    assert carried.head.ending is outcome.ending and [solve.hop for solve in carried.solves] == [*range(6)]
+    for digest in (None, "0" * 32):
+        arrived = CompleteRequest.model_validate_json(Finished(Ticket(3, 1), carried, digest).to_json())
+        assert arrived == CompleteRequest(job_id=3, attempt=1, outcome=outcome, job_digest=digest)
+    # Whoever carries a solve would carry one that cannot be read as well.
+    torn = Finished(Ticket(3, 1), carried._replace(solves=(SealedSolve(0, "{"),)))
+    assert torn.to_json().endswith('"solves":[{]}}')
+
+
+def test_hops_of_a_chain_that_goes_on_cross_a_pipe_and_the_network():
+    part = part_of(hop_job(n_hops=6), (1, 2), 3)
+    carried = unpacked(Reached, json.loads(json.dumps(packed(sealed(Reached, part)))))
+    arrived = HandInRequest.model_validate_json(HandedIn(Ticket(3, 1), carried).to_json())
+    assert arrived == HandInRequest(job_id=3, attempt=1, part=part)
 
 
 def test_the_kind_of_a_job_decides_its_type():
@@ -51,7 +82,7 @@ def test_a_job_that_cannot_be_is_refused(change):
 @pytest.mark.parametrize("seconds", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_cap_is_a_positive_number(seconds):
     with pytest.raises(ValidationError):
-        Settings(cpu_seconds=seconds)
+        JobSettings(cpu_seconds=seconds)
 
 
 def test_the_environment_of_a_solve_names_one_thread_everywhere():

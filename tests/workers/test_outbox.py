@@ -2,22 +2,25 @@
 
 import pytest
 
-from tests.workers.fake import run_fake
+from tests.workers.fake import opened, run_fake
 from tests.workers.jobs import hop_job, worker_info
 from tests.workers.test_dispatcher import FailingSource, ListSource
 from workers.dispatcher import MOST_FAULTS, Dispatcher
-from workers.executor import Inline, Ticket
+from workers.executor import Inline
 from workers.messages import (
     CompleteAnswer,
-    CompleteRequest,
+    Ended,
     Ending,
     FaultyError,
+    Finished,
     HeartbeatAnswer,
     HeldJob,
     RefusedError,
+    Ticket,
     UnacceptableError,
     UnreachableError,
     job_digest,
+    sealed,
 )
 from workers.outbox import Outbox
 from workers.patience import Backoff
@@ -48,11 +51,11 @@ class AwaySource(ListSource):
         super().__init__(n_jobs)
         self.fault, self.n_faults = fault, n_faults
 
-    def complete(self, request):
+    def complete(self, report):
         self.n_faults -= 1
         if self.n_faults >= 0:
             raise self.fault
-        return super().complete(request)
+        return super().complete(report)
 
 
 @pytest.mark.parametrize("fault", [FaultyError("500", status=500), UnreachableError("503", status=503)])
@@ -75,7 +78,7 @@ def test_a_report_over_which_a_service_fails_that_takes_others_is_put_aside_and_
     source = FailingSource(3, FaultyError("500", status=500), n_faults=0)
     source.n_left[1] = 10**6
     dispatcher = dispatcher_on(source, outbox)
-    dispatcher._unreported = {Ticket(i, 1): run_fake(hop_job(chain=i - 1)) for i in (1, 2)}
+    dispatcher._unreported = {Ticket(i, 1): sealed(Ended, run_fake(hop_job(chain=i - 1))) for i in (1, 2)}
     source.waiting = []
     while files(outbox) != ["refused/job-1-attempt-1.json"]:
         dispatcher._report()
@@ -87,7 +90,7 @@ def test_a_report_over_which_a_service_fails_that_takes_others_is_put_aside_and_
     # Ten failures with a sign of health before each, and one beside the other report.
     assert 10**6 - source.n_left[1] >= MOST_FAULTS
     (aside,) = Outbox(outbox.folder / "refused").reports()
-    assert aside.outcome == run_fake(hop_job(chain=0))
+    assert opened(aside.outcome) == run_fake(hop_job(chain=0))
     source.n_left[1] = 0
     while dispatcher._unreported:
         dispatcher._report()
@@ -119,9 +122,9 @@ def test_a_report_from_a_file_says_which_job_it_is_of(outbox):
     asked = []
 
     class Curious(ListSource):
-        def complete(self, request):
-            asked.append(request.job_digest)
-            return super().complete(request)
+        def complete(self, report):
+            asked.append(report.job_digest)
+            return super().complete(report)
 
     away = AwaySource(1, UnreachableError("no answer"), 1)
     dispatcher = dispatcher_on(away, outbox)
@@ -132,7 +135,7 @@ def test_a_report_from_a_file_says_which_job_it_is_of(outbox):
 
 def test_a_dispatcher_that_is_refused_leaves_what_it_has_in_its_outbox(outbox):
     class Refusing(ListSource):
-        def complete(self, request):
+        def complete(self, report):
             raise RefusedError("token: expected one in force, got none")
 
     with pytest.raises(RefusedError):
@@ -144,7 +147,7 @@ def test_an_outcome_of_another_archive_is_put_aside_and_no_job_of_this_one_gets_
     dispatcher_on(AwaySource(1, UnreachableError("no answer"), 1), outbox).step()
 
     class Other(ListSource):
-        def complete(self, request):
+        def complete(self, report):
             raise UnacceptableError("job 1: expected the outcome of this job, got that of another archive's")
 
     dispatcher = dispatcher_on(Other(0), outbox)
@@ -155,8 +158,8 @@ def test_an_outcome_for_a_job_that_was_given_up_is_put_aside(outbox):
     dispatcher_on(AwaySource(1, UnreachableError("no answer"), 1), outbox).step()
 
     class Dead(ListSource):
-        def complete(self, request):
-            return CompleteAnswer(job_id=request.job_id, attempt=request.attempt, state="dead")
+        def complete(self, report):
+            return CompleteAnswer(**report.ticket._asdict(), state="dead")
 
     assert not dispatcher_on(Dead(0), outbox).step()
     assert files(outbox) == ["refused/job-1-attempt-1.json"]
@@ -165,7 +168,7 @@ def test_an_outcome_for_a_job_that_was_given_up_is_put_aside(outbox):
 def test_an_outcome_is_offered_even_when_its_lease_has_run_out(outbox):
     source = ListSource(0)
     dispatcher = dispatcher_on(source, outbox)
-    dispatcher._unreported = {Ticket(1, 1): run_fake(hop_job())}
+    dispatcher._unreported = {Ticket(1, 1): sealed(Ended, run_fake(hop_job()))}
     dispatcher._heartbeat._answers.put(HeartbeatAnswer(not_held=(HeldJob(job_id=1, attempt=1),)))
     dispatcher.step()
     assert list(source.reported) == [Ticket(1, 1)]
@@ -188,7 +191,7 @@ def test_a_file_that_is_no_report_is_left_and_told_of(outbox, caplog):
 
 
 def test_what_waits_is_for_its_owner_alone(outbox):
-    report = CompleteRequest(job_id=1, attempt=1, outcome=run_fake(hop_job()))
+    report = Finished(Ticket(1, 1), sealed(Ended, run_fake(hop_job())))
     outbox.put(report)
     outbox.set_aside(report)
     modes = {path.is_dir(): path.stat().st_mode & 0o777 for path in outbox.folder.rglob("*")}

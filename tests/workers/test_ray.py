@@ -22,8 +22,8 @@ from tests.workers import fake
 from tests.workers.jobs import hop_job
 from tests.workers.own_ray_cluster import STORIES
 from workers import ray_executor, ray_nodes
-from workers.executor import ExecutorError, Inline, Ticket
-from workers.messages import Ending, HopLaws
+from workers.executor import ExecutorError, Inline
+from workers.messages import Ending, HopLaws, Ticket
 from workers.ray_executor import RayCluster, RayExecutor
 from workers.ray_nodes import Versions, own_token
 
@@ -49,7 +49,7 @@ def run_all(executor, jobs):
         most = max(most, in_flight)
         done = executor.finished(1.0)
         in_flight -= len(done)
-        outcomes |= {finished.ticket.job_id: finished.outcome for finished in done}
+        outcomes |= {finished.ticket.job_id: fake.opened(finished.outcome) for finished in done}
     return outcomes, most
 
 
@@ -73,7 +73,7 @@ def run_noting_its_start(job, stop):
 def test_a_job_whose_process_was_killed_is_not_tried_again_by_ray(executor, tmp_path):
     executor.submit(Ticket(1, 1), hop_job(laws=HopLaws(guess_law=str(tmp_path / "starts"))))
     (finished,) = executor.finished(60.0)
-    assert finished.outcome.ending is Ending.CRASH and "died" in finished.outcome.error
+    assert finished.outcome.head.ending is Ending.CRASH and "died" in finished.outcome.head.error
     assert executor.finished(3.0) == []  # Ray's own retry came after 1.0 s
     assert (tmp_path / "starts").read_text() == "started\n"
 
@@ -87,7 +87,7 @@ def run_raising(job, stop):
 @pytest.mark.parametrize("executor", ["tests.workers.test_ray:run_raising"], indirect=True)
 def test_a_runner_that_raises_is_a_crash_with_its_traceback(executor):
     executor.submit(Ticket(1, 1), hop_job())
-    outcome = executor.finished(60.0)[0].outcome
+    outcome = executor.finished(60.0)[0].outcome.head
     assert outcome.ending is Ending.CRASH and "nobody catches this" in outcome.error
 
 
@@ -96,7 +96,7 @@ def test_an_outcome_too_large_for_a_reply_arrives_all_the_same(executor):
     job = hop_job(n_hops=150)
     assert len(ray_nodes.packed(fake.run_fake(job))) > 100_000
     executor.submit(Ticket(1, 1), job)
-    assert executor.finished(60.0)[0].outcome == fake.run_fake(job)
+    assert fake.opened(executor.finished(60.0)[0].outcome) == fake.run_fake(job)
 
 
 @pytest.mark.ray

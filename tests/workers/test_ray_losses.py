@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import pytest
 
 from tests.workers.jobs import hop_job
-from workers.executor import ExecutorError, ExecutorLostError, Ticket
-from workers.messages import Ending
+from workers.executor import ExecutorError, ExecutorLostError
+from workers.messages import Ending, Ticket
 from workers.ray_executor import RayCluster, RayExecutor
 from workers.ray_nodes import Watchdog
 
@@ -84,7 +84,7 @@ def test_jobs_are_not_blamed_for_the_death_of_the_drivers_own_node():
 
 def test_a_process_that_died_is_the_crash_of_its_job_alone():
     (finished,) = executor_on(RayError("the worker died")).finished(0.0)
-    assert finished.outcome.ending is Ending.CRASH
+    assert finished.outcome.head.ending is Ending.CRASH
 
 
 @pytest.mark.parametrize(

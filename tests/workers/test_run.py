@@ -10,7 +10,7 @@ from core.search import ChainState, HopSettings
 from tests.service.clock import Clock
 from tests.workers.jobs import hop_job
 from workers import run
-from workers.messages import Address, Ending, HopLaws, MapJob, Settings
+from workers.messages import Address, Ending, HopLaws, JobSettings, MapJob
 from workers.patience import Awake
 
 GOOD, WEAK, BAD = 1e-3, 0.5, 1e4  # position defects [km]: strict, paper, neither
@@ -42,7 +42,7 @@ class Numerics:
         monkeypatch.setattr(run, "solve_seed", self.solve_seed)
         monkeypatch.setattr(run.core, "verify", self.verify, raising=False)
         monkeypatch.setattr(run, "trajectory", lambda *_: None)
-        monkeypatch.setattr(run, "certificate", lambda *_: None)
+        monkeypatch.setattr(run, "verification_record", lambda *_: None)
 
     def ask(self, rng):
         self.guesses.append(rng.random(3).tolist())
@@ -146,7 +146,7 @@ def test_a_map_job_solves_its_seed_once(monkeypatch):
         seed_problem=problem,
         seed_x=(1.0, 2.0),
         mapping="reference",
-        settings=Settings(n_legs=17, integrator_tolerance=1e-11),
+        settings=JobSettings(n_legs=17, integrator_tolerance=1e-11),
     )
     (solve,) = run.run_job(job).solves
     assert numerics.form == (17, 1e-11)
@@ -184,7 +184,7 @@ def test_a_solve_that_the_deadline_cut_short_and_the_verifier_refuses_is_out_of_
 
 def test_counts_end_a_solve_long_before_the_clock_does():
     # 1200 iterations were measured to take 7.3 s; a slower processor has more than ten times that.
-    assert run.solve_settings(Settings()).cpu_seconds >= 100.0
+    assert run.solve_settings(JobSettings()).cpu_seconds >= 100.0
 
 
 def test_the_laws_of_a_job_reach_its_chain(monkeypatch):
@@ -220,7 +220,7 @@ def test_a_number_that_no_chain_takes_is_no_law_of_a_job(wrong):
 def test_a_solve_whose_process_is_stopped_for_hours_is_not_at_its_deadline_when_it_wakes(monkeypatch):
     clock = Clock(0.0)
     monkeypatch.setattr(run, "Awake", lambda: Awake(clock))
-    deadline = run._Deadline(Settings(cpu_seconds=5.0), SimpleNamespace(k=0), lambda: False)
+    deadline = run._Deadline(JobSettings(cpu_seconds=5.0), SimpleNamespace(k=0), lambda: False)
     for _ in range(3):
         clock.advance(3 * 3600.0)
         assert not deadline()

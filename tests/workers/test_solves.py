@@ -4,9 +4,9 @@ import time
 
 import pytest
 
+from tests.workers.fake import opened
 from tests.workers.jobs import hop_job
-from workers.executor import Ticket
-from workers.messages import Ending, HopLaws, Settings
+from workers.messages import Ending, HopLaws, JobSettings, Ticket
 from workers.process_pool import ProcessPool
 from workers.process_tree import THREAD_VARIABLES
 from workers.run import run_job
@@ -26,7 +26,7 @@ def pool():
 def collected(pool, n):
     deadline, done = time.monotonic() + PATIENCE_S, {}
     while len(done) < n and time.monotonic() < deadline:
-        done |= {finished.ticket.job_id: finished.outcome for finished in pool.finished(0.1)}
+        done |= {finished.ticket.job_id: opened(finished.outcome) for finished in pool.finished(0.1)}
     return done
 
 
@@ -54,7 +54,7 @@ def test_two_processes_and_this_one_find_the_same_bits(pool):
 
 
 def test_a_solve_inside_ipopt_stops_when_asked(pool):
-    pool.submit(Ticket(1, 1), hop_job(n_hops=1000, settings=Settings(cpu_seconds=600)))
+    pool.submit(Ticket(1, 1), hop_job(n_hops=1000, settings=JobSettings(cpu_seconds=600)))
     time.sleep(1.0)
     begin = time.monotonic()
     pool.cancel(Ticket(1, 1))

@@ -16,11 +16,15 @@ from workers.messages import (
     ClaimRequest,
     CompleteManyRequest,
     CompleteRequest,
+    Ended,
+    Ending,
+    Finished,
     HeartbeatRequest,
     HeldJob,
     HopJob,
-    JobOutcome,
+    Sealed,
     StaleAttemptError,
+    Ticket,
 )
 
 JOBS = "/api/v1/jobs"
@@ -118,7 +122,7 @@ def test_a_worker_counts_it_as_no_longer_its_own():
     fault = {"status": 403, "detail": "job 1: expected the token that claimed", "code": "other_claimant"}
     answer = httpx.MockTransport(lambda request: httpx.Response(403, json=fault))
     with Api("http://127.0.0.1:8741", "bob", transport=answer) as api, pytest.raises(StaleAttemptError):
-        HttpSource(api).complete(CompleteRequest(job_id=1, attempt=1, outcome=JobOutcome(ending="crash")))
+        HttpSource(api).complete(Finished(Ticket(1, 1), Sealed(Ended(ending=Ending.CRASH))))
 
 
 def test_where_no_token_is_asked_for_the_machine_is_one_claimant(store):

@@ -9,7 +9,6 @@ import pytest
 from service.spec.search_spec import SeedOrder
 from tests.service.campaigns import OUTAGE, spec_fields, submitted
 from tests.workers.fake import run_fake
-from workers.executor import Ticket
 from workers.messages import ClaimAnswer, CompleteAnswer, HeartbeatAnswer, JobOutcome
 from workers.provenance import code_version
 
@@ -38,7 +37,7 @@ def reported(client, claim, outcome):
 def work(store, n_jobs=1000):
     for _ in range(n_jobs):
         for claim in store.claim("a", 1):
-            store.complete(Ticket(claim.job_id, claim.attempt), run_fake(claim.job))
+            store.complete(claim.ticket, run_fake(claim.job))
 
 
 def test_a_worker_claims_keeps_and_returns_jobs_over_http(client, store):

@@ -10,7 +10,7 @@ from tests.service.campaigns import submitted
 from tests.service.clock import Clock
 from tests.service.databases import rows
 from tests.workers.jobs import worker_info
-from workers.executor import Ticket
+from workers.messages import Ticket
 
 
 @pytest.fixture

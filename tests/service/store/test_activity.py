@@ -18,7 +18,6 @@ from tests.service.campaigns import OUTAGE, spec_fields, submitted
 from tests.service.clock import Clock
 from tests.service.databases import needs_postgres
 from tests.workers.fake import record, run_fake
-from workers.executor import Ticket
 from workers.messages import Ending, JobOutcome
 
 BOTH = pytest.mark.parametrize(
@@ -99,10 +98,10 @@ def test_more_solves_than_asked_for_are_whole_chains_drawn_evenly(store):
 def test_after_an_answer_come_the_chains_that_have_grown_since(store, client):
     submitted(store)
     first, second, *_ = store.claim(worker_info(), 4)
-    store.complete(Ticket(first.job_id, first.attempt), run_fake(first.job))
+    store.complete(first.ticket, run_fake(first.job))
     answer = client.get(f"{URL}/s0/hops").json()
     assert answer["n_shown"] == answer["n_all"] == 2
-    store.complete(Ticket(second.job_id, second.attempt), run_fake(second.job))
+    store.complete(second.ticket, run_fake(second.job))
     later = client.get(f"{URL}/s0/hops", params={"after": answer["last"]}).json()
     assert (later["n_shown"], later["n_all"]) == (2, 4)
     assert set(later["solves"]["chain"]) == {second.job.address.chain}
@@ -114,7 +113,7 @@ def test_a_chain_that_lacks_its_first_hops_has_no_widths(store):
     (claim,) = store.claim(worker_info(), 1)
     last = record(claim.job, 1)
     outcome_ = JobOutcome(ending=Ending.ERROR, solves=(last,), provenance=run_fake(claim.job).provenance)
-    store.complete(Ticket(claim.job_id, claim.attempt), outcome_)
+    store.complete(claim.ticket, outcome_)
     assert store.activity.hops(1, "s0").solves.width == [None]
 
 
@@ -136,7 +135,7 @@ def test_attempts_of_a_window_are_those_that_ran_in_it(store):
         (claim,) = store.claim(worker_info(), 1)
         if end is not None:
             clock.now = end
-            store.complete(Ticket(claim.job_id, claim.attempt), run_fake(claim.job))
+            store.complete(claim.ticket, run_fake(claim.job))
 
     def begun(since, until):
         return [item.started_at.timestamp() for item in activity.attempts(since, until).items]
@@ -154,7 +153,7 @@ def test_more_attempts_than_asked_for_are_drawn_evenly_and_those_that_run_are_ke
     submitted(store, spec_fields(guesses=400))
     for claim in store.claim(worker_info(), 150):
         clock.now += 1.0
-        store.complete(Ticket(claim.job_id, claim.attempt), run_fake(claim.job))
+        store.complete(claim.ticket, run_fake(claim.job))
     running = {claim.job_id for claim in store.claim(worker_info(), 5)}
     answer = client.get("/api/v1/attempts", params={"limit": 50}).json()
     assert answer["n_all"] == 155 and 40 < len(answer["items"]) <= 50
@@ -171,7 +170,7 @@ def test_a_window_that_ends_before_it_begins_is_refused(client):
 def test_the_attempts_at_a_job_tell_its_errors_in_full(store, client):
     submitted(store)
     (claim,) = store.claim(worker_info(), 1)
-    store.complete(Ticket(claim.job_id, claim.attempt), ERROR)
+    store.complete(claim.ticket, ERROR)
     (attempt,) = client.get(f"/api/v1/jobs/{claim.job_id}/attempts").json()["items"]
     assert attempt["error"] == ERROR.error and attempt["ending"] == "error"
     (job,) = client.get("/api/v1/jobs", params={"state": "dead"}).json()["items"]
@@ -185,7 +184,7 @@ def test_the_queue_counts_by_campaign_and_knows_who_waits_longest(store):
     other = spec_fields() | {"campaign": {"name": "other", "rng_seed": 8}}
     submitted(store, other)
     claim, *_ = store.claim(worker_info(), 1)
-    store.complete(Ticket(claim.job_id, claim.attempt), ERROR)
+    store.complete(claim.ticket, ERROR)
     queue = store.activity.queue()
     assert (queue.jobs.queued, queue.jobs.dead) == (7, 1)
     assert [(item.name, item.jobs.dead) for item in queue.campaigns] == [("other", 0), ("test", 1)]
@@ -195,7 +194,7 @@ def test_the_queue_counts_by_campaign_and_knows_who_waits_longest(store):
 def test_all_dead_jobs_of_a_campaign_are_put_back_at_once(store, client):
     submitted(store)
     for claim in store.claim(worker_info(), 3):
-        store.complete(Ticket(claim.job_id, claim.attempt), ERROR)
+        store.complete(claim.ticket, ERROR)
     assert client.post("/api/v1/campaigns/1/requeue").json() == {"n_jobs": 3}
     assert store.activity.queue().jobs.dead == 0
     assert store.events(0, 1)[-1].data == {"state": "active", "n_requeued": 3}

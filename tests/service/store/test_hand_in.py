@@ -18,7 +18,6 @@ from tests.service.coordinator.test_dispatch import wait_for
 from tests.service.databases import rows
 from tests.workers.fake import run_fake
 from workers.dispatch import ExecutorKind
-from workers.executor import Ticket
 from workers.messages import (
     ChainPart,
     ChainPlace,
@@ -59,8 +58,8 @@ def expected(tmp_path_factory):
         return content(opened)
 
 
-def ticket(claim):
-    return Ticket(claim.job_id, claim.attempt)
+def handed_in(claim, part):
+    return HandInRequest(**claim.ticket._asdict(), part=part)
 
 
 def part_of(claim, first, stop, next_hop=None, **more):
@@ -84,7 +83,7 @@ def next_claim(store, claim):
         (again,) = store.claim("b", 1)
         if again.job_id == claim.job_id:
             return again
-        store.complete(ticket(again), run_fake(again.job))
+        store.complete(again.ticket, run_fake(again.job))
 
 
 def hops(store):
@@ -96,13 +95,13 @@ def test_hops_are_stored_when_they_are_handed_in_and_the_next_attempt_begins_aft
 ):
     claim = store.claim("a", 1)[0]
     assert claim.job.place is None
-    assert store.hand_in(ticket(claim), part_of(claim, 0, 3)).next_hop == 3
+    assert store.hand_in(handed_in(claim, part_of(claim, 0, 3))).next_hop == 3
     assert hops(store) == [0, 1, 2] and store.campaign(1).n_solves == 3
-    assert store.hand_in(ticket(claim), part_of(claim, 3, 5)).next_hop == 5
+    assert store.hand_in(handed_in(claim, part_of(claim, 3, 5))).next_hop == 5
     again = claim_again(store, clock, claim)
     assert again.job.place.next_hop == 5 and again.job.place.failures == 1
     rest = run_fake(again.job)
-    store.complete(ticket(again), rest.model_copy(update={"solves": rest.solves[5:]}))
+    store.complete(again.ticket, rest.model_copy(update={"solves": rest.solves[5:]}))
     finish(store)
     assert content(store) == expected
     assert {one.state for one in check(store._database.place)} == {"ok"}
@@ -114,13 +113,13 @@ def test_hops_are_stored_when_they_are_handed_in_and_the_next_attempt_begins_aft
 def test_a_part_that_comes_twice_or_late_changes_nothing(store, clock):
     claim = store.claim("a", 1)[0]
     for first, stop in ((0, 2), (2, 4), (0, 2), (2, 4)):
-        store.hand_in(ticket(claim), part_of(claim, first, stop))
+        store.hand_in(handed_in(claim, part_of(claim, first, stop)))
     before = (
         rows(store, "SELECT * FROM solve"),
         rows(store, "SELECT * FROM tally"),
         store.campaign(1).n_solves,
     )
-    assert store.hand_in(ticket(claim), part_of(claim, 0, 2)).next_hop == 4
+    assert store.hand_in(handed_in(claim, part_of(claim, 0, 2))).next_hop == 4
     after = rows(store, "SELECT * FROM solve"), rows(store, "SELECT * FROM tally"), store.campaign(1).n_solves
     assert before == after and hops(store) == [0, 1, 2, 3]
     assert claim_again(store, clock, claim).job.place.next_hop == 4
@@ -130,9 +129,9 @@ def test_a_part_of_an_attempt_that_lost_its_job_is_stale(store, clock):
     claim = store.claim("a", 1)[0]
     again = claim_again(store, clock, claim)
     with pytest.raises(StaleAttemptError):
-        store.hand_in(ticket(claim), part_of(claim, 0, 3))
+        store.hand_in(handed_in(claim, part_of(claim, 0, 3)))
     assert hops(store) == []
-    assert store.hand_in(ticket(again), part_of(again, 0, 3)).next_hop == 3
+    assert store.hand_in(handed_in(again, part_of(again, 0, 3))).next_hop == 3
 
 
 @pytest.mark.parametrize(
@@ -148,14 +147,14 @@ def test_a_part_of_an_attempt_that_lost_its_job_is_stale(store, clock):
 def test_a_place_that_a_chain_cannot_have_is_refused_and_nothing_is_stored(store, first, stop, more, reason):
     claim = store.claim("a", 1)[0]
     with pytest.raises(StoreError, match=reason):
-        store.hand_in(ticket(claim), part_of(claim, first, stop, **more))
+        store.hand_in(handed_in(claim, part_of(claim, first, stop, **more)))
     assert hops(store) == []
 
 
 def test_losses_in_a_row_count_and_hops_in_between_forgive_them(store, clock):
     claim = store.claim("a", 1)[0]
     for n_done in range(1, 8):
-        store.hand_in(ticket(claim), part_of(claim, n_done - 1, n_done))
+        store.hand_in(handed_in(claim, part_of(claim, n_done - 1, n_done)))
         claim = claim_again(store, clock, claim)
         assert rows(store, "SELECT n_failures FROM job WHERE id = 1") == [(1,)]
     assert claim.job.place.next_hop == 7
@@ -163,13 +162,13 @@ def test_losses_in_a_row_count_and_hops_in_between_forgive_them(store, clock):
 
 def test_a_chain_begins_anew_where_a_hop_was_set_aside_since(store, clock):
     claim = store.claim("a", 1)[0]
-    store.hand_in(ticket(claim), part_of(claim, 0, 4))
+    store.hand_in(handed_in(claim, part_of(claim, 0, 4)))
     store._database.write(
         lambda session: session.execute(text("DELETE FROM solve WHERE job_id = 1 AND hop = 2"))
     )
     again = claim_again(store, clock, claim)
     assert again.job.place is None
-    assert store.complete(ticket(again), run_fake(again.job)).state == "done" and hops(store) == list(
+    assert store.complete(again.ticket, run_fake(again.job)).state == "done" and hops(store) == list(
         range(N_HOPS)
     )
 
@@ -178,7 +177,7 @@ def test_a_chain_that_is_stopped_goes_on_where_it_stood(store):
     claim = store.claim("a", 1)[0]
     part = part_of(claim, 0, 4)
     outcome = {"ending": Ending.CANCELLED, "solves": part.solves, "provenance": part.provenance}
-    assert store.complete(ticket(claim), JobOutcome(**outcome, place=part.place)).state == "queued"
+    assert store.complete(claim.ticket, JobOutcome(**outcome, place=part.place)).state == "queued"
     assert next_claim(store, claim).job.place == part.place
 
 

@@ -15,7 +15,6 @@ from service.store.errors import KeyReusedError
 from service.store.store import Store
 from tests.service.campaigns import spec_fields, submitted
 from tests.workers.jobs import worker_info
-from workers.executor import Ticket
 
 N_SEARCHES, N_CASES = 20, 40
 WORKER = worker_info("test", slots=1)
@@ -88,7 +87,7 @@ def test_workers_have_their_turn_between_the_pieces(store):
         worker.join(60)
 
     def turn():
-        ticket = Ticket(held.job_id, held.attempt)
+        ticket = held.ticket
         heartbeat = store.heartbeat(WORKER, [ticket])
         claims = store.claim(WORKER, 1, campaign=1)
         answered.append((len(claims), heartbeat, store.campaigns()[0].n_jobs))

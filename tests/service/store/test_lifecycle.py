@@ -7,7 +7,6 @@ import pytest
 from service.db.transitions import TRANSITIONS, transition_triggers
 from service.scheduler import Share, in_turn
 from service.spec import spec_from
-from service.store.completion import Report
 from service.store.errors import (
     KeyReusedError,
     StoreError,
@@ -19,8 +18,16 @@ from service.store.store import Store
 from tests.service.campaigns import content, spec_fields, submitted
 from tests.service.clock import Clock
 from tests.workers.fake import run_fake
-from workers.executor import Ticket
-from workers.messages import Ending, HeldJob, JobOutcome, StaleAttemptError, WorkerInfo, job_digest
+from workers.messages import (
+    CompleteRequest,
+    Ending,
+    HeldJob,
+    JobOutcome,
+    StaleAttemptError,
+    Ticket,
+    WorkerInfo,
+    job_digest,
+)
 from workers.provenance import code_version
 
 CRASH = JobOutcome(ending=Ending.CRASH)
@@ -38,10 +45,6 @@ def store(tmp_path, clock):
         yield opened
 
 
-def ticket(claim):
-    return Ticket(claim.job_id, claim.attempt)
-
-
 def claim_one(store, worker="a"):
     (claim,) = store.claim(worker, 1)
     return claim
@@ -52,7 +55,7 @@ def work(store, n_jobs=1000):
     for _ in range(n_jobs):
         claims = store.claim("a", 1)
         for claim in claims:
-            store.complete(ticket(claim), run_fake(claim.job))
+            store.complete(claim.ticket, run_fake(claim.job))
         if not claims:
             return
 
@@ -66,7 +69,7 @@ def search(store, name="s0"):
 
 
 def held(*claims):
-    return tuple(HeldJob(job_id=claim.job_id, attempt=claim.attempt) for claim in claims)
+    return tuple(HeldJob(**claim.ticket._asdict()) for claim in claims)
 
 
 def rows(store, query):
@@ -121,7 +124,7 @@ def test_a_lease_that_is_renewed_does_not_run_out(store, clock):
     claim = claim_one(store)
     for _ in range(10):
         clock.advance(29.0)
-        assert store.heartbeat("a", [ticket(claim)]).extended == held(claim)
+        assert store.heartbeat("a", [claim.ticket]).extended == held(claim)
         assert store.reap() == 0
     assert job(store, claim).state == "running"
 
@@ -153,19 +156,19 @@ def test_a_result_after_the_lease_but_before_the_reaper_is_accepted(store, clock
     submitted(store)
     claim = claim_one(store)
     clock.advance(1000.0)
-    assert store.complete(ticket(claim), run_fake(claim.job)).state == "done"
+    assert store.complete(claim.ticket, run_fake(claim.job)).state == "done"
     assert store.reap() == 0
 
 
 def test_the_same_report_again_gets_the_same_answer_and_changes_nothing(store, clock):
     submitted(store)
     first, second = claim_one(store), claim_one(store)
-    answers = [store.complete(ticket(first), run_fake(first.job)), store.complete(ticket(second), CRASH)]
+    answers = [store.complete(first.ticket, run_fake(first.job)), store.complete(second.ticket, CRASH)]
     before = store.campaign(1), store.last_event_id(1)
-    assert store.complete(ticket(first), run_fake(first.job)) == answers[0]
+    assert store.complete(first.ticket, run_fake(first.job)) == answers[0]
     # Whatever it says the second time, and whatever has become of the job since.
     clock.advance(5.0)
-    assert store.complete(ticket(second), run_fake(second.job)) == answers[1]
+    assert store.complete(second.ticket, run_fake(second.job)) == answers[1]
     after = store.campaign(1), store.last_event_id(1)
     assert before[0].searches == after[0].searches and before[1] == after[1]
 
@@ -183,13 +186,13 @@ def test_a_heartbeat_tells_who_lost_what(store, clock):
     submitted(store)
     kept, lost = store.claim("a", 2)
     clock.advance(20.0)
-    store.heartbeat("a", [ticket(kept)])
+    store.heartbeat("a", [kept.ticket])
     clock.advance(20.0)
     store.reap()
-    answer = store.heartbeat("a", [ticket(kept), ticket(lost)])
+    answer = store.heartbeat("a", [kept.ticket, lost.ticket])
     assert (answer.extended, answer.not_held, answer.to_cancel) == (held(kept), held(lost), ())
     assert store.heartbeat("a", []).extended == ()
-    seen = store.look([ticket(kept), ticket(lost)])
+    seen = store.look([kept.ticket, lost.ticket])
     assert (seen.extended, seen.not_held, seen.to_cancel) == ((), held(lost), ())
 
 
@@ -198,10 +201,10 @@ def test_a_look_extends_no_lease_and_tells_what_to_cancel(store, clock):
     claim = claim_one(store)
     store.cancel_job(claim.job_id)
     clock.advance(20.0)
-    assert store.look([ticket(claim)]).to_cancel == held(claim)
+    assert store.look([claim.ticket]).to_cancel == held(claim)
     clock.advance(20.0)
     store.reap()
-    assert store.look([ticket(claim)]).not_held == held(claim)
+    assert store.look([claim.ticket]).not_held == held(claim)
 
 
 def test_only_jobs_of_workers_that_are_gone_for_sure_are_recovered(store):
@@ -219,7 +222,7 @@ def test_an_outcome_that_does_not_fit_its_problem_is_refused_whole(store):
     outcome = run_fake(claim.job)
     broken = tuple(s.model_copy(update={"x": (1.0, 2.0)}) if s.x else s for s in outcome.solves)
     with pytest.raises(StoreError, match="expected shape"):
-        store.complete(ticket(claim), outcome.model_copy(update={"solves": broken}))
+        store.complete(claim.ticket, outcome.model_copy(update={"solves": broken}))
     assert rows(store, "SELECT count(*) FROM solve") == [(0,)] and job(store, claim).state == "running"
 
 
@@ -231,7 +234,7 @@ def test_a_pause_drains_and_survives_a_restart(store, clock, tmp_path):
     claim = claim_one(store)
     store.control_campaign(1, "pause")
     assert store.claim("a", 5) == []
-    assert store.complete(ticket(claim), run_fake(claim.job)).state == "done"
+    assert store.complete(claim.ticket, run_fake(claim.job)).state == "done"
     store.close()
     with Store(tmp_path, clock=clock) as again:
         assert again.claim("a", 5) == [] and again.campaign(1).state == "paused"
@@ -272,9 +275,9 @@ def test_a_cancelled_campaign_stops_what_runs_and_hands_out_nothing(store):
     submitted(store)
     claim = claim_one(store)
     store.control_campaign(1, "cancel")
-    assert store.heartbeat("a", [ticket(claim)]).to_cancel == held(claim)
+    assert store.heartbeat("a", [claim.ticket]).to_cancel == held(claim)
     assert store.claim("a", 9) == [] and search(store).jobs.queued == 0
-    assert store.complete(ticket(claim), CANCELLED).state == "cancelled"
+    assert store.complete(claim.ticket, CANCELLED).state == "cancelled"
     view = store.campaign(1)
     assert view.state == "cancelled" and {one.state for one in view.searches} == {"cancelled"}
 
@@ -283,7 +286,7 @@ def test_a_result_that_arrives_during_a_cancel_is_kept(store):
     submitted(store)
     claim = claim_one(store)
     store.control_campaign(1, "cancel")
-    assert store.complete(ticket(claim), run_fake(claim.job)).state == "done"
+    assert store.complete(claim.ticket, run_fake(claim.job)).state == "done"
     assert search(store).n_solves == 2 and search(store, "s1-0").jobs.queued == 0
 
 
@@ -296,7 +299,7 @@ def test_a_job_whose_worker_is_lost_during_a_cancel_is_cancelled(store, clock, i
         clock.advance(31.0)
         store.reap()
     else:
-        store.complete(ticket(claim), CRASH)
+        store.complete(claim.ticket, CRASH)
     view = job(store, claim)
     assert (view.state, view.n_failures, view.is_cancelling) == ("cancelled", 0, False)
 
@@ -315,14 +318,14 @@ def test_a_dead_job_that_is_requeued_grows_its_attempt_and_forgets_its_failures(
     submitted(store, spec_fields(guesses=1))
     for _ in range(3):
         claim = claim_one(store)
-        store.complete(ticket(claim), CRASH)
+        store.complete(claim.ticket, CRASH)
         clock.advance(60.0)
     assert store.campaign(1).state == "done"
     store.requeue_job(claim.job_id)
     assert (store.campaign(1).state, store.campaign(1).finished_at) == ("active", None)
     again = claim_one(store)
     assert (again.attempt, job(store, again).n_failures) == (4, 0)
-    store.complete(ticket(again), run_fake(again.job))
+    store.complete(again.ticket, run_fake(again.job))
     work(store)
     assert store.campaign(1).state == "done"
 
@@ -403,7 +406,7 @@ def served(store, n_jobs):
     for _ in range(n_jobs):
         claim = claim_one(store)
         counts["s0" if claim.job.address.search == 0 else "t0"] += 1
-        store.complete(ticket(claim), run_fake(claim.job))
+        store.complete(claim.ticket, run_fake(claim.job))
     return counts
 
 
@@ -476,7 +479,7 @@ def test_a_worker_is_listed_with_what_it_holds_until_it_falls_silent(store, cloc
     claim = claim_one(store, WORKER.name)
     (view,) = store.workers().items
     assert (view.name, view.slots, view.is_alive) == ("node7:1", 4, True)
-    assert [(job.job_id, job.attempt) for job in view.held] == [ticket(claim)]
+    assert [(job.job_id, job.attempt) for job in view.held] == [claim.ticket]
     clock.advance(60.0)
     assert store.workers().items[0].is_alive is False
     store.heartbeat(WORKER.name, [])
@@ -508,9 +511,9 @@ def test_a_result_that_comes_when_its_job_waits_again_is_taken_and_saves_the_wor
         assert store.reap() == 1
     else:
         assert store.recover("local:") == 1
-    assert store.complete(ticket(claim), run_fake(claim.job)).state == "done"
+    assert store.complete(claim.ticket, run_fake(claim.job)).state == "done"
     # The same again is no news, and nobody gets the job any more.
-    assert store.complete(ticket(claim), run_fake(claim.job)).state == "done"
+    assert store.complete(claim.ticket, run_fake(claim.job)).state == "done"
     assert rows(store, "SELECT ending, next_state FROM attempt") == [
         (run_fake(claim.job).ending.value, "done")
     ]
@@ -528,8 +531,8 @@ def test_a_result_that_comes_after_somebody_else_has_begun_is_stale(store, clock
     clock.advance(5.0)
     again = next(one for one in store.claim("b", 100) if one.job_id == claim.job_id)
     with pytest.raises(StaleAttemptError):
-        store.complete(ticket(claim), run_fake(claim.job))
-    assert store.complete(ticket(again), run_fake(again.job)).state == "done"
+        store.complete(claim.ticket, run_fake(claim.job))
+    assert store.complete(again.ticket, run_fake(again.job)).state == "done"
 
 
 @pytest.mark.parametrize("ending", [Ending.CRASH, Ending.CANCELLED, Ending.ERROR])
@@ -539,24 +542,25 @@ def test_what_is_no_result_does_not_take_a_job_out_of_the_queue(store, clock, en
     clock.advance(31.0)
     store.reap()
     with pytest.raises(StaleAttemptError):
-        store.complete(ticket(claim), JobOutcome(ending=ending))
+        store.complete(claim.ticket, JobOutcome(ending=ending))
     assert store.job(claim.job_id).state == "queued"
 
 
 def test_a_result_of_the_job_of_another_archive_is_refused(store):
     submitted(store)
     claim = claim_one(store)
-    outcome = run_fake(claim.job)
+    report = CompleteRequest(**claim.ticket._asdict(), outcome=run_fake(claim.job), job_digest="0" * 32)
     with pytest.raises(StoreError, match="expected the outcome of this job, got that of another archive"):
-        store.complete_many([Report(ticket(claim), outcome, "0" * 32)])
-    assert store.complete_many([Report(ticket(claim), outcome, job_digest(claim.job))])[0].state == "done"
+        store.complete_many([report])
+    report = report.model_copy(update={"job_digest": job_digest(claim.job)})
+    assert store.complete_many([report])[0].state == "done"
 
 
 def test_an_outcome_whose_report_was_refused_can_be_handed_in_once_its_job_is_requeued(store):
     submitted(store)
     claim = claim_one(store)
-    store.complete(ticket(claim), JobOutcome(ending=Ending.ERROR, error="report: expected one that is taken"))
+    store.complete(claim.ticket, JobOutcome(ending=Ending.ERROR, error="report: expected one that is taken"))
     # A dead job stays dead, whoever says what.
-    assert store.complete(ticket(claim), run_fake(claim.job)).state == "dead"
+    assert store.complete(claim.ticket, run_fake(claim.job)).state == "dead"
     store.requeue_job(claim.job_id)
-    assert store.complete(ticket(claim), run_fake(claim.job)).state == "done"
+    assert store.complete(claim.ticket, run_fake(claim.job)).state == "done"

@@ -6,18 +6,17 @@ from tests.service.by_hand import work_off, worker_info
 from tests.service.campaigns import submitted
 from tests.service.databases import rows
 from tests.workers.fake import run_fake
-from workers.executor import Ticket
 from workers.messages import CompleteManyRequest, CompleteRequest, StaleAttemptError
 
 
 def claimed(store, n_jobs):
     """Return reports of some jobs that were claimed."""
-    return [(Ticket(c.job_id, c.attempt), run_fake(c.job)) for c in store.claim(worker_info(), n_jobs)]
+    claims = store.claim(worker_info(), n_jobs)
+    return [CompleteRequest(**claim.ticket._asdict(), outcome=run_fake(claim.job)) for claim in claims]
 
 
 def body(reports):
-    sent = [CompleteRequest(job_id=t.job_id, attempt=t.attempt, outcome=outcome) for t, outcome in reports]
-    return CompleteManyRequest(reports=tuple(sent)).model_dump(mode="json")
+    return CompleteManyRequest(reports=tuple(reports)).model_dump(mode="json")
 
 
 def test_several_outcomes_give_what_they_give_one_by_one(store, tmp_path_factory):
@@ -46,25 +45,25 @@ def test_several_outcomes_give_what_they_give_one_by_one(store, tmp_path_factory
 def test_with_a_stale_report_among_them_none_is_stored(store):
     submitted(store)
     reports = claimed(store, 2)
-    stale = (Ticket(reports[0][0].job_id, 7), reports[0][1])
+    stale = reports[0].model_copy(update={"attempt": 7})
     with pytest.raises(StaleAttemptError):
         store.complete_many([reports[1], stale])
     assert rows(store, "SELECT count(*) FROM solve") == [(0,)]
-    assert [store.complete(*report).state for report in reports] == ["done", "done"]
+    assert [answer.state for answer in store.complete_many(reports)] == ["done", "done"]
 
 
 def test_a_report_that_is_repeated_within_a_request_gets_its_answer_twice(store):
     submitted(store)
     (report,) = claimed(store, 1)
     first, again = store.complete_many([report, report])
-    assert first == again and store.complete(*report) == first
+    assert first == again and store.complete_many([report]) == [first]
 
 
 def test_many_reports_are_answered_in_their_order_and_a_stale_one_with_a_conflict(client, store):
     submitted(store)
     reports = claimed(store, 3)[::-1]
     answer = client.post("/api/v1/jobs/complete-many", json=body(reports))
-    assert [one["job_id"] for one in answer.json()["answers"]] == [ticket.job_id for ticket, _ in reports]
+    assert [one["job_id"] for one in answer.json()["answers"]] == [report.job_id for report in reports]
     (late,) = claimed(store, 1)
-    refused = client.post("/api/v1/jobs/complete-many", json=body([(Ticket(late[0].job_id, 9), late[1])]))
+    refused = client.post("/api/v1/jobs/complete-many", json=body([late.model_copy(update={"attempt": 9})]))
     assert refused.status_code == 409 and refused.json()["code"] == "stale_attempt"

@@ -13,8 +13,7 @@ from service.validation import solution_hash
 from tests.service.campaigns import OUTAGE, content, finish, spec_fields, submitted
 from tests.service.clock import Clock
 from tests.workers.fake import PROVENANCE, run_fake
-from workers.executor import Ticket
-from workers.messages import Ending, JobOutcome, MapJob, StaleAttemptError
+from workers.messages import Ending, JobOutcome, MapJob, StaleAttemptError, Ticket
 from workers.process_pool import ProcessPool
 
 
@@ -102,11 +101,11 @@ def test_a_late_report_of_an_older_attempt_changes_nothing(store):
     new = store.claim("b", 1)[0]
     assert (new.job_id, new.attempt) == (old.job_id, old.attempt + 1)
     with pytest.raises(StaleAttemptError, match="got a stale report"):
-        store.complete(Ticket(old.job_id, old.attempt), run_fake(old.job))
+        store.complete(old.ticket, run_fake(old.job))
     assert rows(store, "SELECT count(*) FROM solve") == [(0,)]
-    store.complete(Ticket(new.job_id, new.attempt), run_fake(new.job))
+    store.complete(new.ticket, run_fake(new.job))
     with pytest.raises(StaleAttemptError):
-        store.complete(Ticket(old.job_id, old.attempt), run_fake(old.job))
+        store.complete(old.ticket, run_fake(old.job))
 
 
 def test_a_job_that_crashes_three_times_is_dead(tmp_path):
@@ -223,7 +222,7 @@ def test_a_map_job_carries_its_seed_bit_by_bit(store):
     jobs = []
     while claims := store.claim("a", 1):
         jobs.append(claims[0].job)
-        store.complete(Ticket(claims[0].job_id, claims[0].attempt), run_fake(claims[0].job))
+        store.complete(claims[0].ticket, run_fake(claims[0].job))
     mapped = [job for job in jobs if isinstance(job, MapJob)]
     assert mapped
     for job in mapped:

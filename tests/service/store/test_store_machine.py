@@ -21,8 +21,7 @@ from service.store.store import Store
 from tests.service.campaigns import OUTAGE, spec_fields
 from tests.service.clock import Clock
 from tests.workers.fake import run_fake
-from workers.executor import Ticket
-from workers.messages import RESULTS, Ending, JobOutcome, StaleAttemptError
+from workers.messages import RESULTS, Ending, JobOutcome, StaleAttemptError, Ticket
 
 WORKERS = st.sampled_from(["local:a", "node7:1", "node8:1"])
 SEARCHES = st.sampled_from(["s0", "s1-0", "s2-1"])
@@ -95,7 +94,7 @@ class StoreMachine(RuleBasedStateMachine):
         self.report(claim, JobOutcome(ending=ending, error="it failed"))
 
     def report(self, claim, outcome):
-        ticket = Ticket(claim.job_id, claim.attempt)
+        ticket = claim.ticket
         before = self.all_rows()
         if ticket in self.lost and outcome.ending in RESULTS and self.waits(ticket):
             # Nobody has begun with it since, so the result is taken all the same.
@@ -116,7 +115,7 @@ class StoreMachine(RuleBasedStateMachine):
 
     @rule(claim=claims)
     def heartbeat(self, claim):
-        ticket = Ticket(claim.job_id, claim.attempt)
+        ticket = claim.ticket
         answer = self.store.heartbeat("node7:1", [ticket])
         is_held = ticket not in self.lost and ticket not in self.answers
         assert len(answer.extended) == is_held and len(answer.not_held) == (not is_held)
