@@ -16,7 +16,7 @@ test: $(VENV)/.installed-test
 
 # What `make test` leaves out because it takes long; then the tests whose results depend on how a processor rounds,
 # once more as on one that has neither FMA nor AVX2: the functions of the C library and of NumPy, and OpenBLAS.
-NUMERIC := tests/core tests/workers tests/service/benchmark tests/service/missed_thrust tests/service/solutions \
+NUMERIC := tests/core tests/workers tests/service/problem_set tests/service/missed_thrust tests/service/solutions \
     tests/acceptance tests/test_python_example.py
 ELSEWHERE := GLIBC_TUNABLES=glibc.cpu.hwcaps=-FMA,-AVX2 NPY_DISABLE_CPU_FEATURES="X86_V3 X86_V4" OPENBLAS_CORETYPE=Nehalem
 check: $(VENV)/.installed-test

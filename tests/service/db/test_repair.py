@@ -16,10 +16,10 @@ from service.integrity.check import check
 from service.integrity.repair import repair
 from service.store.filters import Filter
 from service.store.store import Store
+from tests.service.archive_format.made import certificate_on
 from tests.service.campaigns import finish, spec_fields, submitted
 from tests.service.databases import needs_postgres
 from tests.service.db.test_migrations import table_contents
-from tests.service.portable.made import certificate_on
 
 API = "/api/v1"
 #: A solution that seeds others, a solve with a solution, one without, and the attempt of a solve.

@@ -23,10 +23,17 @@ from service.store.archive_io import (
 )
 from service.store.filters import Filter
 from tests.acceptance import known
+from tests.service.archive_format.made import (
+    certificate_on,
+    elsewhere,
+    everything,
+    found,
+    work_to_the_end,
+    written,
+)
+from tests.service.archive_format.test_refused import CAMPAIGN, forged
 from tests.service.campaigns import finish, spec_fields, submitted
 from tests.service.databases import needs_postgres, rows
-from tests.service.portable.made import certificate_on, elsewhere, everything, found, work_to_the_end, written
-from tests.service.portable.test_refused import CAMPAIGN, forged
 from tests.service.store.test_seeds_elsewhere import run_in_vain
 from workers.executor import Inline
 

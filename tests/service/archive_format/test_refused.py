@@ -11,7 +11,7 @@ from service.archive_format import container
 from service.archive_format.container import PortableError, Unpacked
 from service.store.archive_files import import_file
 from tests.acceptance import known
-from tests.service.portable.made import everything
+from tests.service.archive_format.made import everything
 
 
 def forged(file, target, change, name):

@@ -12,8 +12,8 @@ from service.auth import network, request_limits
 from service.auth.request_limits import save_body
 from service.errors import BodyError
 from tests.acceptance import known
-from tests.service.portable.made import everything
-from tests.service.portable.test_refused import FORGERIES, forged
+from tests.service.archive_format.made import everything
+from tests.service.archive_format.test_refused import FORGERIES, forged
 
 IMPORT = "/api/v1/campaigns/import"
 URL = "http://127.0.0.1:8741"

@@ -1,3 +1,0 @@
-"""Fixtures of this folder."""
-
-from tests.service.portable.made import certified, files, origin  # noqa: F401 - fixtures
