@@ -26,13 +26,12 @@ from core.analysis.stationarity import OPTIMAL, stationarity
 from core.nlp import SolveSettings
 from core.plain_data import read_text
 from core.problem import Problem, problem_from
-from core.search import GUESS_LAWS
+from core.search import GUESS_LAWS, HopSettings
 from core.transcription import DEFAULT_LEGS, Transcription, checked_vector, layout_of, transcribe
 from workers.executor import Executor
 from workers.messages import (
     Address,
     HopJob,
-    HopLaws,
     Job,
     JobOutcome,
     JobSettings,
@@ -67,7 +66,7 @@ def guess_job(problem: Problem, number: int, rng_seed: int, law: str, limits: So
         rng_seed=rng_seed,
         address=Address(search=0, chain=number),
         n_hops=1,
-        laws=HopLaws(guess_law=law),
+        laws=HopSettings(guess_law=law),
         settings=_settings(limits),
     )
 

@@ -22,6 +22,7 @@ from typing import Annotated, Any, Generic, Literal, NamedTuple, Protocol, TypeV
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from core.errors import UserError
+from core.search.settings import HopSettings
 
 #: `HopAddress.kind` of the two kinds of job; part of every generator's key, so never renumbered.
 KIND_NUMBERS = {"hop": 0, "map": 1}
@@ -113,22 +114,6 @@ class JobSettings(Message):
     is_reference_frozen: bool = False
 
 
-class HopLaws(Message):
-    """How a chain draws its starts and its hops: the fields of `core.search.HopSettings`."""
-
-    guess_law: str = "uniform"
-    hop_law: str = "uniform"
-    #: None for the law's own; in widths of the bounds.
-    hop_width: Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)] | None = None
-    #: None for the law's own, and for a law without one.
-    hop_shape: Annotated[float, Field(ge=0.1, le=10, allow_inf_nan=False)] | None = None
-    adaptive: bool = False
-    #: Chance of each time to be drawn afresh in a hop.
-    time_hop_probability: Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)] = 0.0
-    #: Rejected hops in a row after which the chain starts afresh.
-    max_failures: Annotated[int, Field(ge=1)] = 5
-
-
 class ChainPlace(Message):
     """Where a chain stands between two hops: all that the next depends on besides its address."""
 
@@ -152,7 +137,7 @@ class HopJob(Message):
     rng_seed: Annotated[int, Field(ge=0)]
     address: Address
     n_hops: Annotated[int, Field(ge=1)]
-    laws: HopLaws = HopLaws()
+    laws: HopSettings = HopSettings()
     settings: JobSettings = JobSettings()
     #: Where to go on, if earlier attempts have handed in hops.
     place: ChainPlace | None = None

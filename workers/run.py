@@ -21,7 +21,6 @@ from core.search import (
     Chain,
     ChainState,
     HopAddress,
-    HopSettings,
     Incumbent,
     hop_rng,
     solve_recovery,
@@ -172,7 +171,7 @@ def _solves(job: Job, stop: Stop) -> Iterator[tuple[SolveRecord, Chain | None]]:
 
 def _hops(job: HopJob, stop: Stop) -> Iterator[tuple[SolveRecord, Chain]]:
     problem, transcription = prepared(job.problem, job.settings)
-    chain = Chain(transcription, HopSettings(**job.laws.model_dump()), state_at(job.place))
+    chain = Chain(transcription, job.laws, state_at(job.place))
     first = job.place.next_hop if job.place else job.address.hop
     for hop in range(first, job.address.hop + job.n_hops):
         guess = chain.ask(hop_rng(job.rng_seed, hop_address(job, hop)))

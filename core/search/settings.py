@@ -15,10 +15,11 @@ import itertools
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ConfigDict, Field
 
 from core.problem import Outage, Problem, problem_from
 
@@ -118,23 +119,26 @@ REACHES = (1e-4, 0.5)
 class HopSettings:
     """How a chain draws its starts and its hops; a number out of range raises ValueError.
 
-    The names are those of a campaign's specification.
+    The names are those of a campaign's specification.  As part of a job it is data: its bounds are in the
+    schema of the API.
     """
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
     #: A name of `GUESS_LAWS`.
     guess_law: str = "uniform"
     #: A name of `HOP_LAWS`.
     hop_law: str = "uniform"
     #: Scale of the hop law [-], in widths of the bounds; None for the law's own.
-    hop_width: float | None = None
+    hop_width: Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)] | None = None
     #: Exponent of the law's tail [-]; None for the law's own, and for a law without one.
-    hop_shape: float | None = None
+    hop_shape: Annotated[float, Field(ge=SHAPES[0], le=SHAPES[1], allow_inf_nan=False)] | None = None
     #: Whether the width follows the chain's own successes.
     adaptive: bool = False
     #: Chance of each time to be drawn afresh in a hop [-].
-    time_hop_probability: float = 0.0
+    time_hop_probability: Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)] = 0.0
     #: Hops in a row that may fail before the chain starts afresh [-].
-    max_failures: int = 5
+    max_failures: Annotated[int, Field(ge=1)] = 5
 
     def __post_init__(self) -> None:
         """Refuse what no chain can do."""

@@ -1,16 +1,18 @@
 """One search of a specification: its strategy, the cases it is about, its budget and its options."""
 
 import re
+from dataclasses import fields
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StrictInt, model_validator
 
 from core.problem import LONGEST_OUTAGE_DAYS, Outage
 from core.search.settings import GUESS_LAWS, HOP_LAWS, REFINED, SHAPES, HopSettings, check_mapping
-from workers.messages import HopLaws, JobSettings
+from workers.messages import JobSettings
 
 #: What only one of the two kinds of search may set.
-CHAIN_FIELDS = (*HopLaws.model_fields, "hops")
+LAWS = tuple(field.name for field in fields(HopSettings))
+CHAIN_FIELDS = (*LAWS, "hops")
 SEED_FIELDS = ("seeds", "mapping", "reference")
 BUDGETS = ("guesses", "core_seconds", "solutions")
 STRATEGY = re.compile(r"S\((0|[1-9]\d{0,3})(?:\|(0|[1-9]\d{0,3}))?\)")
@@ -134,14 +136,14 @@ class SearchSpec(Strict):
     mapping: Mappings = ("reference",)
     #: "frozen": the seed's reference is flown as it is, and recoveries from the outages alone are solved.
     reference: Literal["free", "frozen"] = "free"
-    guess_law: Annotated[str, one_of(GUESS_LAWS)] = HopLaws().guess_law
-    hop_law: Annotated[str, one_of(HOP_LAWS)] = HopLaws().hop_law
+    guess_law: Annotated[str, one_of(GUESS_LAWS)] = HopSettings().guess_law
+    hop_law: Annotated[str, one_of(HOP_LAWS)] = HopSettings().hop_law
     #: None: the law's own.
     hop_width: Annotated[float, Field(gt=0, le=1)] | None = None
     hop_shape: Annotated[float, Field(ge=SHAPES[0], le=SHAPES[1])] | None = None
     adaptive: bool = False
     time_hop_probability: Annotated[float, Field(ge=0, le=1)] = 0.0
-    max_failures: Count = HopLaws().max_failures
+    max_failures: Count = HopSettings().max_failures
     #: Solves per chain; 1 is multistart.
     hops: Annotated[StrictInt, Field(ge=1, le=10_000)] = 1
     #: Cap per guess [s], scaled by 1 + k.
@@ -197,16 +199,16 @@ class SearchSpec(Strict):
         return REFINED in self.mapping
 
     @property
-    def laws(self) -> HopLaws:
+    def laws(self) -> HopSettings:
         """How chains draw."""
-        return HopLaws(**{name: getattr(self, name) for name in HopLaws.model_fields})
+        return HopSettings(**{name: getattr(self, name) for name in LAWS})
 
     @property
     def settings(self) -> JobSettings:
         """What shapes every solve."""
         names = set(JobSettings.model_fields) - {"is_reference_frozen"}
-        fields = {name: getattr(self, name) for name in names}
-        return JobSettings(**fields, is_reference_frozen=self.reference == "frozen")
+        given = {name: getattr(self, name) for name in names}
+        return JobSettings(**given, is_reference_frozen=self.reference == "frozen")
 
     @model_validator(mode="after")
     def _cases_match(self) -> Self:
@@ -261,7 +263,7 @@ class SearchSpec(Strict):
 
     @model_validator(mode="after")
     def _laws_fit(self) -> Self:
-        HopSettings(**self.laws.model_dump())
+        _ = self.laws
         return self
 
     @model_validator(mode="after")

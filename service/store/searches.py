@@ -69,7 +69,7 @@ def get_search(session: Session, campaign_id: int, name: str) -> SearchDetail:
 
 
 def _laws(spec: SearchSpec) -> LawsView:
-    laws = HopSettings(**spec.laws.model_dump())
+    laws = spec.laws
     return LawsView(
         guess_law=laws.guess_law,
         hop_law=laws.hop_law,
@@ -187,7 +187,7 @@ def _widths(of_chain: list[dict[str, Any]], spec: SearchSpec) -> list[float | No
     is_whole = [solve["hop"] for solve in of_chain] == list(range(first, first + len(of_chain)))
     if spec.seeds is not None or not is_whole:
         return nothing
-    return widths(HopSettings(**spec.laws.model_dump()), ((s["move"], s["violation"]) for s in of_chain))
+    return widths(spec.laws, ((s["move"], s["violation"]) for s in of_chain))
 
 
 def _seeds(session: Session, solves: list[dict[str, Any]]) -> list[SeedOfSearch]:

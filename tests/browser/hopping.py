@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from core.search import Chain, HopSettings
+from core.search import Chain
 from service.spec import spec_from
 from tests.core.search.test_hopping import SMALL, outcome
 from tests.service.campaigns import dispatcher_on
@@ -55,7 +55,7 @@ def run_hopping(job, stop=lambda: False):
     """Answer with violations that wander downwards, and with the moves that a chain makes of them."""
     if isinstance(job, MapJob):
         return run_fake(job)
-    chain = Chain(SMALL, HopSettings(**job.laws.model_dump()))
+    chain = Chain(SMALL, job.laws)
     rng = np.random.default_rng([job.rng_seed, job.address.chain])
     level, solves = 0.0, []
     for hop in range(job.n_hops):

@@ -22,7 +22,6 @@ from workers.messages import (
     FaultyError,
     HandedIn,
     HandInAnswer,
-    HopLaws,
     JobOutcome,
     Reached,
     StaleAttemptError,
@@ -62,7 +61,7 @@ def numerics(monkeypatch):
 
 
 def chain_job(**more):
-    return hop_job(n_hops=N_HOPS, laws=HopLaws(hop_law="gaussian", adaptive=True, max_failures=2), **more)
+    return hop_job(n_hops=N_HOPS, laws=HopSettings(hop_law="gaussian", adaptive=True, max_failures=2), **more)
 
 
 def sent(message):

@@ -23,7 +23,7 @@ from tests.workers.jobs import hop_job
 from tests.workers.own_ray_cluster import STORIES
 from workers import ray_executor, ray_nodes
 from workers.executor import ExecutorError, Inline
-from workers.messages import Ending, HopLaws, Ticket
+from workers.messages import Ending, Ticket
 from workers.ray_executor import RayCluster, RayExecutor
 from workers.ray_nodes import Versions, own_token
 
@@ -62,8 +62,8 @@ def test_four_nodes_give_the_outcomes_of_the_inline_executor_within_the_window(e
 
 
 def run_noting_its_start(job, stop):
-    """Leave a mark, whose place the job carries as its law, and die."""
-    with open(job.laws.guess_law, "a") as file:
+    """Leave a mark, whose place the job carries as its problem, and die."""
+    with open(job.problem["starts"], "a") as file:
         file.write("started\n")
     os.kill(os.getpid(), signal.SIGKILL)
 
@@ -71,7 +71,7 @@ def run_noting_its_start(job, stop):
 @pytest.mark.ray
 @pytest.mark.parametrize("executor", ["tests.workers.test_ray:run_noting_its_start"], indirect=True)
 def test_a_job_whose_process_was_killed_is_not_tried_again_by_ray(executor, tmp_path):
-    executor.submit(Ticket(1, 1), hop_job(laws=HopLaws(guess_law=str(tmp_path / "starts"))))
+    executor.submit(Ticket(1, 1), hop_job(problem={"starts": str(tmp_path / "starts")}))
     (finished,) = executor.finished(60.0)
     assert finished.outcome.head.ending is Ending.CRASH and "died" in finished.outcome.head.error
     assert executor.finished(3.0) == []  # Ray's own retry came after 1.0 s

@@ -10,7 +10,7 @@ from core.search import ChainState, HopSettings
 from tests.service.clock import Clock
 from tests.workers.jobs import hop_job
 from workers import run
-from workers.messages import Address, Ending, HopLaws, JobSettings, MapJob
+from workers.messages import Address, Ending, JobSettings, MapJob
 from workers.patience import Awake
 
 GOOD, WEAK, BAD = 1e-3, 0.5, 1e4  # position defects [km]: strict, paper, neither
@@ -192,12 +192,8 @@ def test_the_laws_of_a_job_reach_its_chain(monkeypatch):
     numerics = Numerics(monkeypatch, [STALLED])
     monkeypatch.setattr(run, "Chain", lambda _, settings, place: told.append(settings) or numerics)
     laws = {"hop_law": "pareto", "hop_width": 0.01, "hop_shape": 0.8, "time_hop_probability": 0.05}
-    run.run_job(hop_job(laws=HopLaws(max_failures=9, **laws)))
+    run.run_job(hop_job(laws=HopSettings(max_failures=9, **laws)))
     assert told == [HopSettings(max_failures=9, **laws)]
-
-
-def test_what_a_job_leaves_open_is_what_a_chain_leaves_open():
-    assert HopSettings(**HopLaws().model_dump()) == HopSettings()
 
 
 @pytest.mark.parametrize(
@@ -212,9 +208,9 @@ def test_what_a_job_leaves_open_is_what_a_chain_leaves_open():
 )
 def test_a_number_that_no_chain_takes_is_no_law_of_a_job(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
-        HopLaws(hop_law="pareto", **wrong)
-    with pytest.raises(ValueError, match=next(iter(wrong))):
         HopSettings(hop_law="pareto", **wrong)
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        hop_job(laws={"hop_law": "pareto"} | wrong)
 
 
 def test_a_solve_whose_process_is_stopped_for_hours_is_not_at_its_deadline_when_it_wakes(monkeypatch):

@@ -4,9 +4,10 @@ import time
 
 import pytest
 
+from core.search import HopSettings
 from tests.workers.fake import opened
 from tests.workers.jobs import hop_job
-from workers.messages import Ending, HopLaws, JobSettings, Ticket
+from workers.messages import Ending, JobSettings, Ticket
 from workers.process_pool import ProcessPool
 from workers.process_tree import THREAD_VARIABLES
 from workers.run import run_job
@@ -45,7 +46,9 @@ def test_a_solve_is_recorded_with_defects_times_and_provenance():
 
 
 def test_two_processes_and_this_one_find_the_same_bits(pool):
-    jobs = [hop_job(chain=chain, n_hops=2, laws=HopLaws(guess_law="thrust-coast-thrust")) for chain in (0, 1)]
+    jobs = [
+        hop_job(chain=chain, n_hops=2, laws=HopSettings(guess_law="thrust-coast-thrust")) for chain in (0, 1)
+    ]
     for chain, job in enumerate(jobs):
         pool.submit(Ticket(chain, 1), job)
     found = collected(pool, 2)
