@@ -9,8 +9,6 @@ A sample where two arcs meet stands in both, since thrust and, at a matchpoint, 
     ExportError(ValueError)   a solution that cannot be exported
 """
 
-import csv
-import io
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -22,6 +20,7 @@ from numpy.typing import NDArray
 
 from core.analysis.flight import MAX_SAMPLES, Arc, FlownTrajectory, fly
 from core.constants import SECONDS_PER_DAY
+from core.csv_text import csv_text
 from core.ephemeris.kernels import furnish, one_at_a_time
 from core.errors import UserError
 from core.orbits import departure_state
@@ -238,9 +237,9 @@ def csv_lines(trajectories: Iterable[ExportedTrajectory], head: Sequence[str]) -
         What the file is about.
     """
     yield "".join(f"# {line}\n" for line in head)
-    yield _written([COLUMNS])
+    yield csv_text([COLUMNS])
     for rows in _rows(trajectories):
-        yield _written([["" if value is None else value for value in map(_plain, row)] for row in rows])
+        yield csv_text(map(_plain, row) for row in rows)
 
 
 def ndjson_lines(trajectories: Iterable[ExportedTrajectory]) -> Iterator[str]:
@@ -257,12 +256,6 @@ def ndjson_lines(trajectories: Iterable[ExportedTrajectory]) -> Iterator[str]:
 
 def _plain(value: Any) -> Any:
     return str(value).lower() if isinstance(value, bool) else value
-
-
-def _written(rows: Iterable[Iterable[Any]]) -> str:
-    written = io.StringIO()
-    csv.writer(written, lineterminator="\n").writerows(rows)
-    return written.getvalue()
 
 
 def _rows(trajectories: Iterable[ExportedTrajectory]) -> Iterator[list[tuple[Any, ...]]]:

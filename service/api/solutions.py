@@ -1,7 +1,5 @@
 """Solutions: lists, points and clusters; one in full: flown, exported, its lineage, its outages."""
 
-import csv
-import io
 import json
 import time
 from collections.abc import Iterable, Iterator
@@ -15,6 +13,7 @@ from fastapi.responses import StreamingResponse
 
 from core.analysis.flight import Flight, fly
 from core.analysis.similarity import DISTINCT
+from core.csv_text import csv_text, without_formula
 from core.problem import problem_from
 from service.api.context import CampaignWanted, Hash, Limit, StoreHere
 from service.api.vector_files import vector_lines
@@ -88,16 +87,17 @@ NDJSON = "application/x-ndjson"
 
 #: What has no place in a cell.
 _NESTED = {"defects_solved", "defects_verified", "package_versions", "kernel_hashes"}
-#: What a spreadsheet takes for the beginning of a formula.
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+#: As in RFC 4180: what a worker says may hold a carriage return.
+_LINE_END = "\r\n"
 COLUMNS = tuple(name for name in Record.model_fields if name not in _NESTED)
 
 
 def csv_lines(pages: Iterable[list[RecordWithVector]]) -> Iterator[str]:
     """Yield the title line, then each page; outages are written 24:1.0 40:1.0, segment and days."""
-    yield _table([COLUMNS])
+    yield csv_text([COLUMNS], _LINE_END)
     for page in pages:
-        yield _table([_cell(getattr(record, name)) for name in COLUMNS] for record in page)
+        rows = ([_cell(getattr(record, name)) for name in COLUMNS] for record in page)
+        yield csv_text(rows, _LINE_END)
 
 
 def ndjson_lines(pages: Iterable[list[RecordWithVector]]) -> Iterator[str]:
@@ -111,19 +111,12 @@ def begun(pieces: Iterator[str]) -> Iterator[str]:
     return chain(list(islice(pieces, 2)), pieces)
 
 
-def _table(rows: Iterable[Iterable[Any]]) -> str:
-    written = io.StringIO()
-    # Lines end as RFC 4180 has it: with "\n" alone, a "\r" within a cell would be left unquoted.
-    csv.writer(written, lineterminator="\r\n").writerows(rows)
-    return written.getvalue()
-
-
 def _cell(value: Any) -> Any:
     if isinstance(value, list):
         return " ".join(f"{outage.segment}:{outage.duration_days}" for outage in value)
-    if isinstance(value, str) and value.startswith(_FORMULA):
+    if isinstance(value, str):
         # Names are harmless; what a worker says about itself may be anything.
-        return f"'{value}"
+        return without_formula(value)
     return value.isoformat() if hasattr(value, "isoformat") else value
 
 

@@ -3,8 +3,6 @@
 It begins with lines of `#` that say what it is; states and controls are written by `core.export`.
 """
 
-import csv
-import io
 from collections.abc import Iterable, Iterator
 from itertools import islice
 from typing import Any
@@ -12,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from core.csv_text import csv_text
 from core.export import trajectory_name
 from core.orbits import departure_state
 from core.problem import Problem, calendar_epoch
@@ -46,9 +45,7 @@ def _departure_et(problem: Problem) -> float:
 def _blocks(columns: Iterable[str], rows: Iterator[Iterable[Any]]) -> Iterator[str]:
     block: list[Iterable[Any]] = [columns]
     while block:
-        written = io.StringIO()
-        csv.writer(written, lineterminator="\n").writerows(block)
-        yield written.getvalue()
+        yield csv_text(block)
         block = list(islice(rows, BLOCK))
 
 

@@ -1,12 +1,11 @@
 """A table as data: what the page shows rounded, the CSV file holds in full."""
 
-import csv
-import io
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import floor, inf, isfinite, isnan, log10
 
 from core.analysis.metrics import Estimate
+from core.csv_text import csv_text, without_formula
 
 Value = str | int | float | None
 Cell = Value | Estimate
@@ -97,11 +96,7 @@ class Table:
 
     def as_csv(self) -> str:
         """Return the table as CSV, numbers in full, an estimate as three columns; empty where unknown."""
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(self._keys())
-        writer.writerows([_plain(value) for value in row] for row in self._values())
-        return text.getvalue()
+        return csv_text([self._keys(), *([_plain(value) for value in row] for row in self._values())])
 
     def as_records(self) -> list[dict[str, str | int | float | None]]:
         """Return the same as one record per row; what is unknown or infinite is None."""
@@ -135,10 +130,5 @@ def _finite(value: Value) -> Value:
     return None if isinstance(value, float) and not isfinite(value) else value
 
 
-def _plain(value: Value) -> str:
-    if _finite(value) is None:
-        return ""
-    if isinstance(value, str) and value[:1] in ("=", "+", "-", "@", "\t", "\r"):
-        # A spreadsheet would compute it.
-        return f"'{value}"
-    return repr(value) if isinstance(value, float) else str(value)
+def _plain(value: Value) -> Value:
+    return without_formula(value) if isinstance(value, str) else _finite(value)
