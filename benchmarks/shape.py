@@ -1,15 +1,11 @@
 """How easily things are found in what is installed: sizes of files, importers, forms of one noun, circles.
 
-A *noun* is a table of the database.  A class is a *form* of it if it has fields (a row, a pydantic model, a
-dataclass, a named tuple or a typed dictionary, each with what it inherits) and either
-
-- its name begins or ends with the noun: `JobLine`, `PlannedJob`; or
-- it declares three or more of the columns that tell the noun from others: those in at most two tables.
-
-So a class that copies part of a row under a name of its own counts, and one that holds the row in a field
-does not.  Each class counts once: for the noun that its name ends or begins with, else for the one with most
-of its columns.  The count errs upwards: bounds of three durations look like a solution.  Exceptions,
-enumerations, protocols, one page of a list (`items`), and the generated types of the page are no forms.
+A *noun* is a table of the database.  A class (a row, a pydantic model, a dataclass, a named tuple, a typed
+dictionary) is a *form* of it if it lists four or more of its columns itself, so that whoever adds one has to
+look there.  So a class that copies part of a row counts whatever its name; one that inherits the columns, or
+holds the row in a field, does not.  Each class counts once: for the noun that its name ends or begins with,
+else for the one with most of its columns, those in at most two tables first, since others say little.
+The generated types of the page are no forms.
 """
 
 import ast
@@ -17,7 +13,7 @@ import json
 import re
 import sys
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median, quantiles
@@ -32,21 +28,17 @@ WATCHED = ("service/store", "core/nlp", "core/search", "workers")
 SMALL, LARGE = 80, 600
 #: A column that more tables have says little about which noun a class shows.
 MOST_TABLES_OF_A_COLUMN = 2
-LEAST_COLUMNS = 3
-NOT_FORMS = ("Exception", "Error", "Enum", "Protocol")
-#: The field by which a class is one page of a list.
-PAGED = "items"
+LEAST_COLUMNS = 4
 
 Graph = Mapping[str, set[str]]
 
 
 @dataclass
 class Class:
-    """A class as it is written: where, its bases by name, and its own fields."""
+    """A class as it is written: where, and its own fields."""
 
     place: str
     name: str
-    bases: list[str]
     fields: set[str]
     table: str | None
 
@@ -85,48 +77,29 @@ def _class(node: ast.ClassDef, place: str) -> Class:
         and isinstance(s.value, ast.Constant)
         and any(isinstance(t, ast.Name) and t.id == "__tablename__" for t in s.targets)
     )
-    bases = [ast.unparse(base).split("[")[0].rsplit(".", 1)[-1] for base in node.bases]
     table = next(names, None)
-    return Class(place, node.name, bases, declared, str(table) if table else None)
+    return Class(place, node.name, declared, str(table) if table else None)
 
 
 def forms(classes: list[Class]) -> dict[str, list[str]]:
     """Return for each table the classes that are a form of its noun."""
-    by_name = {c.name: c for c in classes}
     columns = {c.table: c.fields for c in classes if c.table}
     n_tables = Counter(column for of_table in columns.values() for column in of_table)
-    telling = {
-        table: {c for c in of_table if n_tables[c] <= MOST_TABLES_OF_A_COLUMN}
-        for table, of_table in columns.items()
-    }
+    telling = {column for column, n in n_tables.items() if n <= MOST_TABLES_OF_A_COLUMN}
     found: dict[str, list[str]] = {table: [] for table in columns}
     for each in classes:
-        lineage = list(_lineage(each, by_name))
-        fields = set().union(*(c.fields for c in lineage))
-        if not fields or PAGED in fields or any(b.endswith(NOT_FORMS) for c in lineage for b in c.bases):
-            continue
-        noun = each.table or _named_after(each.name, found) or _most_shown(fields, telling)
+        listed = {noun: each.fields & of_table for noun, of_table in columns.items()}
+        nouns = [noun for noun in listed if len(listed[noun]) >= LEAST_COLUMNS]
+        noun = each.table or _named_after(each.name, nouns)
+        noun = noun or max(nouns, key=lambda n: (len(listed[n] & telling), len(listed[n])), default=None)
         if noun:
             found[noun].append(f"{each.place}:{each.name}")
     return found
 
 
-def _lineage(each: Class, by_name: Mapping[str, Class]) -> Iterator[Class]:
-    yield each
-    for base in each.bases:
-        if base in by_name and base != each.name:
-            yield from _lineage(by_name[base], by_name)
-
-
 def _named_after(name: str, nouns: Iterable[str]) -> str | None:
     words = [word.lower() for word in re.findall(r"[A-Z][a-z0-9]*", name)]
     return next((word for word in (words[-1:] + words[:1]) if word in nouns), None)
-
-
-def _most_shown(fields: set[str], telling: Mapping[str, set[str]]) -> str | None:
-    shown = {noun: len(fields & columns) for noun, columns in telling.items()}
-    best = max(shown, key=lambda noun: shown[noun], default=None)
-    return best if best and shown[best] >= LEAST_COLUMNS else None
 
 
 def import_graph(roots: Iterable[str] = ROOTS) -> Graph:
