@@ -190,7 +190,7 @@ def shares(summary: Mapping[str, Any]) -> Table:
     rows = terminal.table("guesses that became", "of", "%, 95 % interval", "CPU s each")
     costs = summary["costs"]
     for name, key, cost in (
-        ("solutions at the paper's tolerance", "paper", None),
+        ("loose solutions", "paper", None),
         ("strict solutions", "strict", costs["cpu_seconds_per_strict"]),
         ("strict and locally optimal solutions", "optimal", costs["cpu_seconds_per_optimal"]),
     ):

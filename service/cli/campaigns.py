@@ -42,7 +42,8 @@ def seeds(
     ] = None,
     limit: Annotated[int | None, typer.Option(min=1, max=200, help="At most so many seeds.")] = None,
     tolerance: Annotated[
-        Literal["strict", "paper"] | None, typer.Option(help="How feasible seeds must be.")
+        Literal["strict", "paper"] | None,
+        typer.Option(help="Tolerance that seeds must meet; paper is the loose one."),
     ] = None,
     mapping: Annotated[
         list[str] | None, typer.Option(help="Rule that makes guesses; may be repeated.")

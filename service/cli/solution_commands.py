@@ -171,7 +171,7 @@ def _rows(steps: list[Step]) -> Table:
         rows.add_row(
             str(step.n_segments),
             step.solution_id[:8],
-            "strict" if step.strict else "paper",
+            "strict" if step.strict else "loose",
             step.status.lower().replace("_", " "),
             f"{step.final_mass_kg:.3f}",
             *([f"{step.gain_kg:+.3f}", f"{step.total_gain_kg:+.3f}"] if step.campaign_id else ["-", "-"]),

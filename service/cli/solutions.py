@@ -57,7 +57,7 @@ def list_solutions(
     duration: Annotated[float | None, typer.Option(help="Length of the same outage, in days.")] = None,
     strict: Annotated[
         bool | None,
-        typer.Option("--strict/--paper-only", metavar="", help="Only those that are, or are not, strict."),
+        typer.Option("--strict/--paper-only", metavar="", help="Only strict solutions, or only loose ones."),
     ] = None,
     sort: Annotated[Sort, typer.Option(help="What they are sorted by.")] = "objective_kg",
     limit: Annotated[

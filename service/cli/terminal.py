@@ -21,7 +21,12 @@ from workers.certificate import CertificateDocument, CertifiedApproach, Certifie
 if TYPE_CHECKING:
     from service.solutions.verification import Summary, Verified
 
-SUMMARY_COLUMNS = ("search", "strategy", "solves", "paper, %", "strict, %", "found", "kg", "km/s", "CPU, s")
+SUMMARY_COLUMNS = ("search", "strategy", "solves", "loose, %", "strict, %", "found", "kg", "km/s", "CPU, s")
+
+#: What users call each level of tolerance; files, the API and options call the loose one `paper`.
+LEVELS = {"strict": "strict", "paper": "loose"}
+#: Position, velocity and mass of each, docs/method.md section 9.
+BOUNDS = {"loose": "1 km, 100 m/s, 1 kg", "strict": "0.1 km, 0.1 m/s, 0.01 kg"}
 
 
 def table(*columns: str, title: str | None = None) -> Table:
@@ -50,7 +55,8 @@ def summary(view: CampaignView) -> Table:
             _shown(search.cpu_seconds / search.n_strict if search.n_strict else None, 1),
         )
     strict = "least propellant and delta-v of strict solutions; CPU time per one"
-    rows.caption = f"shares with 95 % interval; {strict}"
+    levels = "; ".join(f"{name}: {bounds}" for name, bounds in BOUNDS.items())
+    rows.caption = f"shares with 95 % interval; {strict}\n{levels}"
     rows.caption_justify = "left"
     return rows
 
@@ -184,7 +190,7 @@ def solution_list(records: Sequence[Record]) -> Table:
 
 def level_of(record: Record) -> str:
     """Return the tolerance that a solution holds, and whether only just."""
-    level = "strict" if record.strict else "paper" if record.paper else "infeasible"
+    level = "strict" if record.strict else "loose" if record.paper else "infeasible"
     return f"{level}, marginal" if record.is_marginal else level
 
 
@@ -263,7 +269,11 @@ def verified_list(items: "Sequence[Verified]") -> Table:
         numbers = (item.arrival_miss_km, item.earth_altitude_km, item.moon_altitude_km)
         shown = ["-" if number is None else f"{number:,.3f}" for number in numbers]
         rows.add_row(
-            item.solution_id[:8], item.level, "yes" if item.is_good else "NO", *shown, (item.hash or "-")[:8]
+            item.solution_id[:8],
+            LEVELS.get(item.level, item.level),
+            "yes" if item.is_good else "NO",
+            *shown,
+            (item.hash or "-")[:8],
         )
     return rows
 
@@ -292,7 +302,7 @@ def print_certificate(console: Console, found: CertificateDocument | None) -> No
         return
     content = found.content
     verdict = "sound" if content.is_sound else "NOT SOUND"
-    level = f"{content.level}, marginal" if content.is_marginal else content.level
+    level = LEVELS.get(content.level, content.level) + (", marginal" if content.is_marginal else "")
     head = f": {found.hash}, {level}, {verdict}, {found.made_at:%Y-%m-%d %H:%M} UTC"
     if found.is_from_elsewhere:
         head += f", made elsewhere, on {found.made_on}"
