@@ -18,7 +18,6 @@ from typer import TyperException
 
 from core.cache import cache_note
 from core.errors import UserError
-from workers.provenance import code_version
 
 errors = Console(stderr=True)
 
@@ -48,7 +47,7 @@ def complain(message: str) -> None:
 
 
 def warn(message: str) -> None:
-    """Print in one line what is not as it should be, and stops nothing."""
+    """Print a warning in one line."""
     errors.print(Text.assemble(("warning: ", "yellow"), message), soft_wrap=True)
 
 
@@ -170,6 +169,9 @@ def _add_commands(
 
 def _print_version(is_asked: bool) -> None:
     if is_asked:
+        # It reads NumPy with the messages of workers, which the help does without.
+        from workers.provenance import code_version
+
         typer.echo(f"coastarc {code_version()}")
         raise typer.Exit
 
@@ -197,12 +199,12 @@ def _not_typed() -> None:
 def main() -> None:
     """Run the command line."""
     for number in (signal.SIGINT, signal.SIGTERM):
-        # A shell starts background jobs deaf to SIGINT; whoever sends one means it.
+        # A shell lets background jobs ignore SIGINT; whoever sends one means it.
         signal.signal(number, _as_interrupt)
     try:
         if set(sys.argv[1:2]) & _COMPUTING and (note := cache_note()):
             warn(note)
-        # Not by itself: what was typed wrongly is told in one line too.
+        # Not in standalone mode: errors of usage are printed in one line too.
         sys.exit(app_of(sys.argv[1:3])(prog_name="coastarc", standalone_mode=False) or 0)
     except typer.TyperException as error:
         if line := fault_line(error):
