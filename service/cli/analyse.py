@@ -155,7 +155,7 @@ def _show(views: list[MissedThrustView], folder: Path) -> None:
     for table in (segment_table(views), summary_table(views)):
         rows = terminal.table(*(column.head for column in table.columns), title=table.title)
         for row in table.rows:
-            rows.add_row(*(column.shown(cell) for column, cell in zip(table.columns, row, strict=True)))
+            rows.add_row(*(column.text(cell) for column, cell in zip(table.columns, row, strict=True)))
         console.print(rows)
     path = write_missed_thrust(views, folder)
     console.print(f"Page and pictures: {path.resolve()}", highlight=False, soft_wrap=True, markup=False)

@@ -1,4 +1,4 @@
-"""Sections on cost: delta-v, costs with ancestor searches, and what makes the difference."""
+"""Sections on cost: delta-v, costs including ancestor searches, and comparisons."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -23,7 +23,7 @@ from service.report.plots import (
     seconds_per_solution,
     strategy_key,
 )
-from service.report.strategies import Groups, Key, Tally, labelled, tally_of
+from service.report.strategies import Counts, Groups, Key, counts_of, label_of
 from service.report.style import BLUE, GREEN
 from service.report.tables import Cell, Column, Table
 
@@ -44,10 +44,10 @@ DEFINITIONS = (
 
 
 def cumulative_section(groups: Groups) -> Section:
-    """Return the table and the figures of seed chains, nothing where no search has seeds."""
+    """Return the table and the figures of seed chains."""
     by = ("search", "duration_days", "mapping")
     chains = sorted(
-        (_labelled(one) for one in seed_chains(groups.findings, "paper", by=by)),
+        (_with_label(one) for one in seed_chains(groups.findings, "paper", by=by)),
         key=lambda one: (*strategy_key(one.strategy), one.chain),
     )
     beside = groups.beside
@@ -61,9 +61,9 @@ def cumulative_section(groups: Groups) -> Section:
     )
 
 
-def _labelled(one: Cumulative) -> Cumulative:
+def _with_label(one: Cumulative) -> Cumulative:
     """Return a chain whose last strategy names its mapping, where that is not the default."""
-    label = labelled(one.strategy, one.mapping)
+    label = label_of(one.strategy, one.mapping)
     return replace(one, strategy=label, chain=label + one.chain.removeprefix(one.strategy))
 
 
@@ -117,7 +117,7 @@ def _times(chains: Sequence[Cumulative]) -> Chart:
 
 TUKEY = (
     "Boxes hold the middle half, whiskers reach to the last value within 1.5 times its width, points lie "
-    f"beyond; fewer than {LEAST_FOR_BOX} values are shown as they are."
+    f"beyond; fewer than {LEAST_FOR_BOX} values are drawn as points."
 )
 
 
@@ -267,7 +267,7 @@ def mappings_section(groups: Groups) -> Section | None:
     if not by_strategy:
         return None
     found = [
-        (strategy, mapping, tally_of(by_strategy[strategy][mapping]))
+        (strategy, mapping, counts_of(by_strategy[strategy][mapping]))
         for strategy in sorted(by_strategy, key=strategy_key)
         for mapping in sorted(by_strategy[strategy])
     ]
@@ -288,7 +288,7 @@ def mappings_section(groups: Groups) -> Section | None:
     return Section("mappings", "Mappings", (paragraph,), tuple(tables), (_picture(found),))
 
 
-def _mappings(groups: Sequence[tuple[str, str, Tally]]) -> Table:
+def _mappings(groups: Sequence[tuple[str, str, Counts]]) -> Table:
     columns = (
         Column("strategy", "strategy"),
         Column("mapping", "mapping"),
@@ -315,7 +315,7 @@ def _mappings(groups: Sequence[tuple[str, str, Tally]]) -> Table:
     return Table("mappings", "Mappings by strategy", caption, columns, rows)
 
 
-def _picture(groups: Sequence[tuple[str, str, Tally]]) -> Picture:
+def _picture(groups: Sequence[tuple[str, str, Counts]]) -> Picture:
     series = (Series("loose", BLUE), Series("strict", GREEN, "s"))
     rows = [
         Row(strategy, mapping, (percent(one.paper_ratio), percent(one.strict_ratio)))
@@ -346,8 +346,8 @@ def comparisons_section(groups: Groups) -> Section | None:
     caption = "One family of tests for each number and duration of outages."
     table = _tests("strategy-tests", title, caption, tests, "outage")
     paragraph = (
-        "A small p says that chance alone would hardly make such a difference, not that the difference "
-        "matters; the numbers of solves and solutions stand beside it."
+        "A small p means that so large a difference is unlikely by chance alone, not that it matters; the "
+        "table also has the numbers of solves and solutions."
     )
     return Section("comparisons", "Strategies against each other", (paragraph,), (table,))
 
@@ -366,7 +366,7 @@ def _tests(
         Column("p of the ratios", "fisher_p", 4, is_p=True),
         Column("corrected", "fisher_holm_p", 4, is_p=True),
         Column("median difference, km/s", "median_difference_km_s", 3),
-        Column("chance that one is dearer", "dearer", 2),
+        Column("P(one costs more)", "dearer", 2),
         Column("p of the delta-v", "mann_whitney_p", 4, is_p=True),
         Column("corrected", "mann_whitney_holm_p", 4, is_p=True),
     )

@@ -1,6 +1,6 @@
-"""The report of a missed-thrust analysis: one trajectory, or two beside each other.
+"""The report of a missed-thrust analysis: one trajectory, or two side by side.
 
-What outages do to a trajectory: maps of segment and duration, and the longest outage of each segment.
+Maps of segment and duration, and the longest outage with a recovery for each segment.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from service.report.tables import Cell, Column, Table
 from service.report.write import write_page
 from service.schemas.solution import Map, MissedThrustView, SegmentRisk
 
-#: Cells into which their costs are written, at most.
+#: Maps with more cells than this get no numbers.
 _MOST_NUMBERS = 200
 #: Light to dark, for costs.
 _COSTS = LinearSegmentedColormap.from_list("cost", ["#e8f1fb", "#7fb2e5", "#0072c3", "#0b2f5b"])
@@ -29,21 +29,21 @@ _LOST = LinearSegmentedColormap.from_list("lost", [ORANGE, ORANGE])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shown:
-    """An analysis under the name by which a picture calls it."""
+class NamedView:
+    """An analysis with the name that pictures give it."""
 
     name: str
     view: MissedThrustView
 
 
 def cost_map(view: MissedThrustView, values: Map, unit: str) -> Figure:
-    """Return a map of segment and duration: the cost of the cheapest recovery, and where there is none."""
+    """Return a map over segment and duration: cost of the cheapest recovery, or that none was found."""
     figure, (axes,) = new_figure(1.5 + 0.32 * min(len(view.durations_days), 20))
     cells = np.array([[np.nan if cell is None else cell for cell in row] for row in values]).T
     tried = np.array(view.is_tried).T
-    x, y = _even(len(view.segments)), _even(len(view.durations_days))
+    x, y = _cell_edges(len(view.segments)), _cell_edges(len(view.durations_days))
     top = max(float(np.nanmax(cells)), 1e-3) if np.isfinite(cells).any() else 1.0
-    # Costs are mostly small with a few large ones, and none is far below nothing.
+    # Most costs are small, a few are large, and none is far below zero.
     norm = PowerNorm(0.5, 0.0, top, clip=True)
     lost = np.where(tried & ~np.isfinite(cells), 1.0, np.nan)
     axes.pcolormesh(x, y, np.ma.masked_invalid(lost), cmap=_LOST)
@@ -66,18 +66,18 @@ def cost_map(view: MissedThrustView, values: Map, unit: str) -> Figure:
 
 
 def _write_numbers(axes: Axes, x: np.ndarray, y: np.ndarray, cells: np.ndarray, top: float) -> None:
-    """Write costs into their cells, light on dark."""
+    """Write costs into their cells, light on dark cells."""
     for (row, column), cost in np.ndenumerate(cells):
         if np.isfinite(cost):
             colour = "white" if cost > 0.3 * top else INK
             place = 0.5 * (x[column] + x[column + 1]), 0.5 * (y[row] + y[row + 1])
-            # Narrow enough for thirty cells beside each other; without the sign of what rounds to nothing.
+            # Narrow enough for thirty cells in a row; no sign on what rounds to zero.
             text = f"{cost:.0f}" if abs(cost) >= 9.95 else f"{round(cost, 1) + 0.0:.1f}"
             axes.text(*place, text, ha="center", va="center", fontsize=6.0, color=colour)
 
 
-def longest(shown: Sequence[Shown]) -> Figure:
-    """Return the longest outage that each segment takes, over the throttle of the first trajectory."""
+def longest(shown: Sequence[NamedView]) -> Figure:
+    """Return the longest outage with a recovery for each segment, above the throttle."""
     figure, (axes, below) = _two_rows()
     last = max(max(one.view.durations_days) for one in shown)
     for number, one in enumerate(shown):
@@ -98,7 +98,7 @@ def longest(shown: Sequence[Shown]) -> Figure:
     return figure
 
 
-def _curve(axes: Axes, one: Shown, number: int) -> None:
+def _curve(axes: Axes, one: NamedView, number: int) -> None:
     rows, colour = one.view.segments, SERIES[number]
     segments, days = [row.segment for row in rows], [row.longest_days for row in rows]
     axes.plot(segments, days, color=colour, label=one.name, marker="o", markersize=3.2, zorder=3 - number)
@@ -116,8 +116,8 @@ def _two_rows() -> tuple[Figure, tuple[Axes, Axes]]:
     return figure, (above, below)
 
 
-def _even(count: int) -> np.ndarray:
-    """Return the sides of cells of equal width."""
+def _cell_edges(count: int) -> np.ndarray:
+    """Return the edges of cells of width one."""
     return np.arange(count + 1.0)
 
 
@@ -126,29 +126,28 @@ _MAPS = (
     ("delay", "delay_days", "Delay", "of the end of the last burn", "delay, days"),
 )
 _FROZEN = (
-    "Until the outage the reference is flown as it is; then the spacecraft coasts, and what is left is "
-    "optimized afresh for the most mass at arrival. A recovery from a longer outage is one from a shorter "
-    "one too."
+    "The reference is followed until the outage; then the spacecraft coasts, and the rest is re-optimized "
+    "for the most mass at arrival. A recovery from a longer outage is one from a shorter one too."
 )
 
 
 def write_missed_thrust(views: Sequence[MissedThrustView], folder: Path) -> Path:
-    """Write the report of one analysis, or of two beside each other, and return where the page is."""
-    shown = [Shown(name, view) for name, view in zip(names_of(views), views, strict=True)]
+    """Write the report of one analysis, or of two side by side, and return the path of the page."""
+    shown = [NamedView(name, view) for name, view in zip(names_of(views), views, strict=True)]
 
-    def made() -> tuple[Head, Sequence[Section]]:
+    def build() -> tuple[Head, Sequence[Section]]:
         return _head(shown), [_overview(shown), *(_maps(number, one) for number, one in enumerate(shown))]
 
-    return write_page(made, folder)
+    return write_page(build, folder)
 
 
 def names_of(views: Sequence[MissedThrustView]) -> list[str]:
-    """Return what solutions are called: by k, and by the beginnings of their ids."""
+    """Return the names of solutions: k and the first digits of their ids."""
     return [f"k = {view.k}, {view.solution_id[:8]}" for view in views]
 
 
 def segment_table(views: Sequence[MissedThrustView]) -> Table:
-    """Return what each segment takes, with the lost probability; several analyses side by side."""
+    """Return longest outage and probability of loss for each segment; several analyses side by side."""
     named = len(views) > 1
     columns = [Column("segment", "segment")]
     for number, view in enumerate(views):
@@ -169,8 +168,7 @@ def segment_table(views: Sequence[MissedThrustView]) -> Table:
             cells += [None] * 4 if row is None else _cells(row)
         rows.append(tuple(cells))
     caption = (
-        "Lost: probability that the one safe mode of the transfer begins in this very segment and has no "
-        "recovery."
+        "Lost: probability that the one safe mode of the transfer begins in this segment and has no recovery."
     )
     return Table("segments", "Segment by segment", caption, tuple(columns), tuple(rows))
 
@@ -195,10 +193,10 @@ def summary_table(views: Sequence[MissedThrustView]) -> Table:
     )
     rows = tuple(_summary(view) for view in views)
     caption = (
-        f"Fragile: thrusts, and takes no outage of median length ({RECOVERIES.median():.2f} days). At most: "
-        "if segments that take the longest outage tried take any."
+        f"Fragile: thrusts, and has no recovery from an outage of median length ({RECOVERIES.median():.2f} "
+        "days). At most: if segments that recover from the longest outage tried recover from any."
     )
-    return Table("summary", "In short", caption, columns, rows)
+    return Table("summary", "Summary", caption, columns, rows)
 
 
 def _summary(view: MissedThrustView) -> tuple[Cell, ...]:
@@ -217,7 +215,7 @@ def _summary(view: MissedThrustView) -> tuple[Cell, ...]:
     )
 
 
-def _head(shown: Sequence[Shown]) -> Head:
+def _head(shown: Sequence[NamedView]) -> Head:
     view = shown[0].view
     facts = (
         Fact("outages tried", f"{sum(map(sum, view.is_tried)):,}"),
@@ -225,29 +223,29 @@ def _head(shown: Sequence[Shown]) -> Head:
         Fact("fragile segments", str(len(view.fragile))),
     )
     is_over = all(one.view.campaign_state == "done" for one in shown)
-    notices = () if is_over else ("This analysis has not ended; cells without a colour are still to come.",)
+    notices = () if is_over else ("This analysis has not ended; cells without a colour are pending.",)
     title = " beside ".join(f"solution {one.view.solution_id[:8]}" for one in shown)
     return Head(view.campaign_id, f"Missed thrust: {title}", facts, notices)
 
 
-def _overview(shown: Sequence[Shown]) -> Section:
+def _overview(shown: Sequence[NamedView]) -> Section:
     views = [one.view for one in shown]
     caption = (
         "The longest outage from which the target can still be reached, by the segment in which it begins; a "
-        "triangle says that it is the longest that was tried. Below, the throttle of the reference."
+        "triangle marks the longest that was tried. Below, the throttle of the reference."
     )
     picture = Picture("longest", "Longest outage of each segment", caption, longest(shown))
     tables = (summary_table(views), segment_table(views))
-    return Section("overview", "Which outages it takes", (_FROZEN,), tables, (picture,))
+    return Section("overview", "Outages with a recovery", (_FROZEN,), tables, (picture,))
 
 
-def _maps(number: int, one: Shown) -> Section:
+def _maps(number: int, one: NamedView) -> Section:
     suffix = f"-{number + 1}" if number else ""
     pictures = tuple(
         Picture(
             f"{name}{suffix}",
             f"{title} of recoveries",
-            f"{one.name}: {title.lower()} {than} of the cheapest recovery from outages so long or longer.",
+            f"{one.name}: {title.lower()} {than} of the cheapest recovery from an outage so long or longer.",
             cost_map(one.view, getattr(one.view, field), unit),
         )
         for name, field, title, than, unit in _MAPS

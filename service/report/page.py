@@ -1,4 +1,4 @@
-"""The page: sections of tables and figures, in one HTML file that loads nothing."""
+"""The page: sections of tables and figures in one self-contained HTML file."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,14 +13,14 @@ from service.report.style import for_page
 from service.report.tables import Table
 
 FOOT = (
-    "Made by coastarc from the archive alone: no solution was flown or solved again. Intervals of ratios are "
-    "Wilson's, 95 %."
+    "Made by coastarc from the archive alone: no trajectory was propagated or solved again. Intervals of "
+    "ratios are Wilson's, 95 %."
 )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Picture:
-    """A figure with the sentences that say what is shown."""
+    """A figure with its title and caption."""
 
     #: File name of the SVG and the PNG, without their endings.
     name: str
@@ -31,7 +31,7 @@ class Picture:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Section:
-    """What stands under one heading."""
+    """The content under one heading."""
 
     name: str
     title: str
@@ -42,7 +42,7 @@ class Section:
 
 @dataclass(frozen=True, slots=True)
 class Fact:
-    """One number at the head of the page."""
+    """One number at the top of the page."""
 
     name: str
     value: str
@@ -50,7 +50,7 @@ class Fact:
 
 @dataclass(frozen=True, slots=True)
 class Head:
-    """What the page says first."""
+    """The top of the page: title, facts and notices."""
 
     id: int
     name: str
@@ -61,7 +61,7 @@ class Head:
 
 
 def page(head: Head, sections: Sequence[Section], svgs: dict[str, str]) -> str:
-    """Return the page; the SVG files come by the name of their picture."""
+    """Return the page; `svgs` holds the SVG of each picture by its name."""
     shown = [
         {
             "name": section.name,

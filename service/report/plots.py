@@ -1,4 +1,4 @@
-"""Figures that sections share: box plots of samples, forest plots of estimates, and estimates as text."""
+"""Figures that sections share: box plots of samples, forest plots of estimates; conversions of estimates."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from service.report.tables import significant
 
 #: Height of a row, and of what surrounds the rows [in].
 BOX_ROW, BOX_REST = 0.27, 1.0
-#: Fewer values than this are shown as they are.
+#: Fewer values than this are drawn as points.
 LEAST_FOR_BOX = 5
 
 
@@ -34,7 +34,7 @@ class Sample:
 
 
 def boxes(samples: Sequence[Sample], label: str, resolution: float, zero_line: bool = False) -> Figure:
-    """Return the samples from top to bottom; outliers nearer than the resolution are one point."""
+    """Return a box plot of the samples, from top to bottom, merging outliers closer than the resolution."""
     figure, (axes,) = new_figure(BOX_REST + BOX_ROW * len(samples))
     axes.set(ylim=(len(samples) - 0.5, -0.5), xlabel=label)
     _shade(axes, samples)
@@ -125,15 +125,15 @@ def _names(axes: Axes, samples: Sequence[Sample]) -> None:
 
 #: Height of a row, and of what surrounds the rows [in].
 ROW, REST = 0.215, 0.95
-#: What a duration or a cost in core-seconds is called on an axis.
+#: Tick labels of durations and of costs in core-seconds.
 TIMES = {1.0: "1 s", 60.0: "1 min", 3600.0: "1 h", 86400.0: "1 d", 8.64e6: "100 d"}
-#: A tenth and a hundred times of these have no name of their own.
+#: More ticks, for axes that span few decades.
 FINE_TIMES = {0.1: "0.1 s", 10.0: "10 s", 600.0: "10 min", 36000.0: "10 h", 864000.0: "10 d"}
 
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """What the marks of one colour are."""
+    """The marks of one colour."""
 
     name: str
     colour: str
@@ -143,7 +143,7 @@ class Series:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One line: rows of a group stand together; marks in the order of the series, None where unknown."""
+    """One line: rows of a group are adjacent; marks in the order of the series, None where unknown."""
 
     group: str
     label: str
@@ -170,7 +170,7 @@ class Chart:
 
 
 def forest(rows: Sequence[Row], series: Sequence[Series], label: str, is_time: bool) -> Figure:
-    """Return the rows from top to bottom, each with a mark and an interval for each series."""
+    """Return a forest plot of the rows, from top to bottom, with a mark and an interval for each series."""
     figure, (axes,) = new_figure(REST + ROW * len(rows))
     low, high = _limits(rows)
     axes.set(xscale="log", xlim=(low, high), ylim=(len(rows) - 0.5, -0.5), xlabel=label)
@@ -192,7 +192,7 @@ def _draw(
         if mark.low == mark.low:  # Not where there is no interval.
             ends = (max(mark.low, low), min(mark.high, high))
             axes.plot(ends, (place, place), color=series.colour, linewidth=1.5, solid_capstyle="butt")
-    # Zero and infinity have no place on the axis: their intervals stand alone.
+    # Zero and infinity are not on a logarithmic axis: only their intervals are drawn.
     shown = [(mark.value, place) for place, mark in marks if low <= mark.value <= high]
     axes.plot(
         [value for value, _ in shown],
@@ -208,13 +208,13 @@ def _draw(
 
 
 def _limits(rows: Sequence[Row]) -> tuple[float, float]:
-    """Return the decades, or parts of them, that hold all marks and the ends of their intervals."""
+    """Return limits of the axis that hold all marks and the ends of their intervals."""
     ends = [end for row in rows for mark in row.marks if mark is not None for end in mark]
     places = [log10(end) for end in ends if isfinite(end) and end > 0.0]
     if not places:
         return 0.1, 100.0
     room = 0.04 * max(1.0, max(places) - min(places))
-    # Below a thousandth of the rest an interval that comes from zero is cut, not shown.
+    # An interval that begins at zero is cut at the left limit.
     return 10 ** (min(places) - room), 10 ** (max(places) + room)
 
 
@@ -242,7 +242,7 @@ def _ticks(axes: Axes, rows: Sequence[Row], limits: tuple[float, float], is_time
 
 
 def _times(limits: tuple[float, float]) -> tuple[list[float], Callable[[float], str]]:
-    # Few enough for their names to stand side by side.
+    # Few enough for their labels not to overlap.
     names = TIMES if log10(limits[1] / limits[0]) > 3.5 else TIMES | FINE_TIMES
     return [time for time in sorted(names) if limits[0] <= time <= limits[1]], lambda time: names[time]
 
@@ -278,17 +278,17 @@ def in_seconds(hours: Estimate) -> Estimate:
 
 
 def mean_of(spread: Spread) -> Estimate | None:
-    """Return a mean with its interval, which is not a number for a single value."""
+    """Return a mean with its interval, which is NaN for a single value."""
     return Estimate(spread.mean, spread.mean_low, spread.mean_high) if spread.n else None
 
 
 def number(value: float) -> float | None:
-    """Return a number, or None for what is none."""
+    """Return a number, or None for NaN."""
     return None if value != value else value
 
 
 def duration_label(days: float | None) -> str:
-    """Return the outages' duration as words: nothing without outages."""
+    """Return the duration of the outages as text: empty without outages."""
     if days is None:
         return "mixed"
     return f"{days:.1f} d" if days else ""

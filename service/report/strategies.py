@@ -1,4 +1,4 @@
-"""How often strategies succeed and what a solution costs, by strategy, mapping and duration, and by case."""
+"""Feasibility ratios and costs per solution, by strategy, mapping and duration, and by case."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -45,7 +45,7 @@ class Groups:
     """What several sections need."""
 
     findings: Findings
-    #: By number of outages, then without seeds first, then by duration; solves in order of address.
+    #: Sorted by number of outages, then without seeds first, then by duration; solves in order of address.
     solves: Mapping[Key, Sequence[SolveFacts]]
     #: Of the same groups, at the strict tolerance.
     summaries: Mapping[Key, Summary]
@@ -54,8 +54,8 @@ class Groups:
 
 
 @dataclass(frozen=True, slots=True)
-class Tally:
-    """The part of a summary that takes one look at the solves: for groups as many as cases."""
+class Counts:
+    """The cheap part of a summary, for groups as many as cases."""
 
     n_solves: int
     n_paper: int
@@ -68,11 +68,11 @@ class Tally:
     propellant_kg: Spread
 
 
-def tally_of(solves: Sequence[SolveFacts]) -> Tally:
+def counts_of(solves: Sequence[SolveFacts]) -> Counts:
     """Return counts, ratios, cost and spreads of a group of solves."""
     found = solutions(solves, "strict")
     n_solves, n_paper, n_strict = len(solves), len(solutions(solves, "paper")), len(found)
-    return Tally(
+    return Counts(
         n_solves=n_solves,
         n_paper=n_paper,
         n_strict=n_strict,
@@ -92,8 +92,8 @@ def groups_of(facts: CampaignFacts, beside: Beside) -> Groups:
     return Groups(findings, solves, summaries, beside)
 
 
-def labelled(strategy: str, mapping: str | None) -> str:
-    """Return a strategy with the form of its mapping, unless that is the default.
+def label_of(strategy: str, mapping: str | None) -> str:
+    """Return the label of a strategy: its name, with the form of a mapping that is not the default.
 
     Published values belong to the default, so that other mappings must not share its name.
     """
@@ -105,12 +105,12 @@ def labelled(strategy: str, mapping: str | None) -> str:
 
 def _by_strategy(solves: Iterable[SolveFacts]) -> dict[Key, list[SolveFacts]]:
     found: dict[Key, list[SolveFacts]] = {}
-    # A hundred thousand solves have some dozen cases: each is asked for its duration once.
+    # A hundred thousand solves have some dozen cases: compute the duration of each once.
     durations: dict[tuple[tuple[int, float], ...], float | None] = {}
     for solve in solves:
         if solve.outages not in durations:
             durations[solve.outages] = solve.duration_days
-        label = labelled(solve.strategy, solve.mapping)
+        label = label_of(solve.strategy, solve.mapping)
         found.setdefault((label, durations[solve.outages]), []).append(solve)
     ordered = sorted(found, key=lambda key: (*strategy_key(key[0]), key[0], key[1] or 0.0))
     return {key: found[key] for key in ordered}
@@ -225,7 +225,9 @@ def _yields(found: Sequence[SeedYield]) -> Table:
         )
         for one in found
     )
-    caption = f"Which seeds give which problem: all durations and mappings together. {INTERVALS}"
+    caption = (
+        f"Seeds by the problem that they are mapped to, all durations and mappings together. {INTERVALS}"
+    )
     return Table("seed-yields", "Seeds and targets", caption, columns, rows)
 
 
@@ -287,11 +289,11 @@ COLUMNS = (
 
 
 def cases_section(groups: Groups) -> Section:
-    """Return the case tables, as far as the campaign has cases."""
+    """Return the tables by case, one for each number of outages."""
     by_k: dict[int, list[_Case]] = {}
     for solves in grouped(groups.findings.facts.solves, ("outages", "strategy")).values():
         first = solves[0]
-        by_k.setdefault(first.k, []).append(_Case(first.outages, first.strategy, tally_of(solves)))
+        by_k.setdefault(first.k, []).append(_Case(first.outages, first.strategy, counts_of(solves)))
     paragraph = "A case is a set of outages, named by the segments at which they begin."
     paragraph += groups.beside.sentence("cases")
     tables = tuple(_table(k, sorted(by_k[k], key=_Case.order)) for k in sorted(by_k))
@@ -303,7 +305,7 @@ class _Case(NamedTuple):
 
     outages: tuple[tuple[int, float], ...]
     strategy: str
-    tally: Tally
+    tally: Counts
 
     @property
     def duration_days(self) -> float | None:
@@ -312,7 +314,7 @@ class _Case(NamedTuple):
         return durations.pop() if len(durations) == 1 else None
 
     def order(self) -> tuple[float, tuple[tuple[int, float], ...], tuple[int, int]]:
-        """Return what cases are sorted by."""
+        """Return the sort key."""
         return self.duration_days or 0.0, self.outages, strategy_key(self.strategy)
 
 

@@ -1,7 +1,7 @@
-"""How figures look: one set of settings, colours told apart with any colour vision, files without dates.
+"""Style of figures: one set of settings, colours for any colour vision, files without dates.
 
-A figure is drawn once.  Its SVG and PNG are for paper, dark on light; in the page the colours of the SVG are
-names (`var(--blue)`), which the style sheet sets for a light and for a dark screen.
+A figure is drawn once.  Its SVG and PNG are for print, dark on light; in the page the colours of the SVG are
+CSS variables (`var(--blue)`), which the style sheet sets for a light and for a dark screen.
 """
 
 import io
@@ -16,7 +16,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-#: Name in the style sheet -> colour on paper.
+#: Name in the style sheet -> colour in print.
 COLOURS = {
     "ink": "#14202f",
     "soft": "#5b6a7d",
@@ -31,9 +31,9 @@ COLOURS = {
 }
 INK, SOFT, GRID, BAND = (COLOURS[name] for name in ("ink", "soft", "grid", "band"))
 BLUE, GREEN, ORANGE = COLOURS["blue"], COLOURS["green"], COLOURS["orange"]
-#: For things that have no meaning of their own, in this order; published values are always orange.
+#: For series without a fixed colour, in this order; published values are always orange.
 SERIES = tuple(COLOURS[name] for name in ("blue", "green", "amber", "violet", "rose"))
-#: Between a group and a member of it; plain spaces would shrink to one in the page.
+#: Between a group and its member; plain spaces would collapse in the page.
 GAP = "\u00a0" * 3
 #: Width of every figure [in]: 10 pt are then about as large as the text of the page.
 WIDTH = 6.6
@@ -59,7 +59,7 @@ SETTINGS: Any = {
     "grid.color": GRID,
     "grid.linewidth": 0.7,
     "text.color": INK,
-    # Names come from users; a dollar sign in one starts no formula.
+    # Names come from users; a dollar sign must not start a formula.
     "text.parse_math": False,
     "xtick.color": SOFT,
     "ytick.color": SOFT,
@@ -72,15 +72,15 @@ SETTINGS: Any = {
     "savefig.facecolor": "none",
     "figure.dpi": DOTS_PER_INCH,
     "path.simplify": True,
-    # Text stays text, which is small and can be searched; ids follow from what is drawn.
+    # Text stays text, small and searchable; ids are deterministic.
     "svg.fonttype": "none",
     "svg.hashsalt": "coastarc",
 }
 
 
 @contextmanager
-def house_style() -> Iterator[None]:
-    """Draw and save figures inside this; matplotlib's own settings come back afterwards."""
+def figure_style() -> Iterator[None]:
+    """Apply the settings to figures drawn and saved inside, and restore matplotlib's own afterwards."""
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(SETTINGS)
@@ -95,24 +95,24 @@ def new_figure(height: float, n_columns: int = 1, **options: Any) -> tuple[Figur
 
 
 def lay_out(figure: Figure) -> None:
-    """Find room for everything once, rather than for each file."""
+    """Run the layout once, rather than for each file."""
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
 
 
 def as_svg(figure: Figure) -> str:
-    """Return a figure that is laid out as the text of an SVG file, the same whenever it is drawn."""
+    """Return a figure that is laid out as reproducible SVG text."""
     buffer = io.StringIO()
     figure.set_dpi(POINTS_PER_INCH)
     nothing = {"Date": None, "Creator": None, "Format": None, "Type": None}
-    # Straight to the canvas: `Figure.savefig` would draw everything twice.
+    # Directly by the canvas: `Figure.savefig` would draw everything twice.
     canvas: Any = FigureCanvasSVG(figure)
     canvas.print_svg(buffer, metadata=nothing)
     return buffer.getvalue()
 
 
 def as_png(figure: Figure) -> bytes:
-    """Return a figure that is laid out as a PNG on white, the same whenever it is drawn."""
+    """Return a figure that is laid out as a reproducible PNG on white."""
     buffer = io.BytesIO()
     figure.set_dpi(DOTS_PER_INCH)
     figure.patch.set_facecolor("white")
@@ -123,18 +123,18 @@ def as_png(figure: Figure) -> bytes:
 
 
 def for_page(svg: str, name: str) -> str:
-    """Return an SVG for the inside of a page: named colours, and ids that no other figure has."""
+    """Return an SVG to embed in a page: colours as CSS variables, ids unique to the figure."""
     inner = svg[svg.index("<svg") :]
-    # Its rules would hold for the whole page; the style sheet has them for figures.
+    # Its rules would apply to the whole page; the style sheet has its own for figures.
     inner = re.sub(r"<defs>\s*<style.*?</style>\s*</defs>", "", inner, count=1, flags=re.DOTALL)
     inner = re.sub(r'\b(id="|href="#|url\(#)(?=[^<>]*>)', rf"\g<1>{name}-", inner)
-    # Only inside tags: text that a user wrote is left alone.
-    return re.sub(r"<[^>]*>", lambda tag: _COLOUR.sub(_named, tag[0]), inner)
+    # Only inside tags: users' text stays unchanged.
+    return re.sub(r"<[^>]*>", lambda tag: _COLOUR.sub(_css_variable, tag[0]), inner)
 
 
 _NAMES = {value: name for name, value in COLOURS.items()}
 _COLOUR = re.compile(r"(?<=: )#[0-9a-f]{6}(?=[;\"])")
 
 
-def _named(colour: re.Match[str]) -> str:
+def _css_variable(colour: re.Match[str]) -> str:
     return f"var(--{_NAMES[colour[0]]})" if colour[0] in _NAMES else colour[0]

@@ -1,4 +1,4 @@
-"""A table as data: what the page shows rounded, the CSV file holds in full."""
+"""Tables as data: rounded in the page, in full precision in the CSV file."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,17 +10,17 @@ from core.csv_text import csv_text, without_formula
 Value = str | int | float | None
 Cell = Value | Estimate
 
-#: What stands where nothing is known.
+#: Shown for an unknown value.
 NOTHING = "–"
-#: The least p-value that is shown as a number.
+#: Smaller p-values are shown as a bound.
 P_LEAST = 0.0001
-#: For `Column.decimals`: as many digits as were printed or read.
+#: For `Column.decimals`: the digits of the source.
 AS_GIVEN = -1
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column: its head, its name in the CSV file, and how its numbers are rounded in the page."""
+    """A column: its head, its name in the CSV file, and the rounding of its numbers in the page."""
 
     head: str
     key: str
@@ -28,10 +28,10 @@ class Column:
     decimals: int | None = None
     #: Where published numbers come from, None for our own.
     source: str | None = None
-    #: Whether its numbers are p-values, of which small ones are told from zero.
+    #: Whether its numbers are p-values, of which small ones must not read as zero.
     is_p: bool = False
 
-    def shown(self, cell: Cell) -> str:
+    def text(self, cell: Cell) -> str:
         """Return a cell as text, without its interval."""
         if isinstance(cell, Estimate):
             return _number(cell.value, self.decimals)
@@ -44,7 +44,7 @@ class Column:
         return NOTHING if cell is None else str(cell)
 
     def interval(self, cell: Cell) -> str:
-        """Return the interval of an estimate as text, nothing for other cells."""
+        """Return the interval of an estimate as text, empty for other cells."""
         if not isinstance(cell, Estimate) or isnan(cell.low):
             return ""
         # The ends are computed, whatever the value in the middle is.
@@ -56,7 +56,7 @@ class Column:
 
 def _number(value: float, decimals: int | None) -> str:
     if not isfinite(value):
-        # Infinite is a cost without a solution.
+        # A cost without a solution is infinite.
         return NOTHING
     if decimals == AS_GIVEN:
         text = f"{value:.6g}"
@@ -66,7 +66,7 @@ def _number(value: float, decimals: int | None) -> str:
 
 
 def significant(value: float, digits: int = 3) -> str:
-    """Return a number with so many significant digits, never in powers of ten, never less than whole."""
+    """Return a number with so many significant digits, without exponent, all integer digits kept."""
     if value == 0.0:
         return "0"
     decimals = digits - 1 - floor(log10(abs(value)))
@@ -75,7 +75,7 @@ def significant(value: float, digits: int = 3) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Rows under columns, with the sentence that says what they are."""
+    """Rows under columns, with a caption."""
 
     #: File name of the CSV, without its ending.
     name: str
@@ -85,13 +85,13 @@ class Table:
     rows: tuple[tuple[Cell, ...], ...]
 
     def __post_init__(self) -> None:
-        """Raise where a row does not fit under the columns."""
+        """Raise ValueError where a row has another number of cells than there are columns."""
         for row in self.rows:
             if len(row) != len(self.columns):
                 raise ValueError(f"row of {self.name}: expected {len(self.columns)} cells, got {len(row)}")
 
-    def is_words(self, column: int) -> bool:
-        """Return whether a column holds words rather than numbers."""
+    def is_text(self, column: int) -> bool:
+        """Return whether a column holds text rather than numbers."""
         return any(isinstance(row[column], str) for row in self.rows)
 
     def as_csv(self) -> str:

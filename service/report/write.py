@@ -19,11 +19,11 @@ from service.report.costs import (
 from service.report.page import Fact, Head, Section, page
 from service.report.paper.beside import beside_of
 from service.report.strategies import cases_section, groups_of, strategies_section
-from service.report.style import as_png, as_svg, house_style, lay_out
+from service.report.style import as_png, as_svg, figure_style, lay_out
 from service.report.tables import Table
 
-EMPTY = "No solves yet: the tables and figures of results appear as soon as the first solves are handed in."
-RUNNING = "This campaign has not ended; the report holds what the archive had when it was written."
+EMPTY = "No solves yet: tables and figures of results appear with the first solves."
+RUNNING = "This campaign has not ended; the report shows the archive at the time of writing."
 
 
 def sections_of(facts: CampaignFacts) -> tuple[Section, ...]:
@@ -50,7 +50,7 @@ def result_sections(facts: CampaignFacts) -> tuple[Section, ...]:
 
 
 def head_of(facts: CampaignFacts) -> Head:
-    """Return what the page says first."""
+    """Return the top of the page."""
     n_strict = sum(solve.strict for solve in facts.solves)
     n_paper = sum(solve.paper for solve in facts.solves)
     seconds = round(sum(solve.cpu_seconds for solve in facts.solves))
@@ -69,7 +69,7 @@ def head_of(facts: CampaignFacts) -> Head:
 
 
 def tables_of(facts: CampaignFacts) -> tuple[Table, ...]:
-    """Return the tables about solves alone."""
+    """Return the tables of results."""
     return tuple(table for section in result_sections(facts) for table in section.tables)
 
 
@@ -78,17 +78,17 @@ PAGE, PARTS = "report.html", "parts"
 
 
 def write_report(facts: CampaignFacts, folder: Path) -> Path:
-    """Write the report of a campaign into a folder, over an earlier one, and return where the page is."""
+    """Write the report of a campaign into a folder, replacing an earlier one; return the path of the page."""
     return write_page(lambda: (head_of(facts), sections_of(facts)), folder)
 
 
-def write_page(made: Callable[[], tuple[Head, Sequence[Section]]], folder: Path) -> Path:
-    """Write a page with its figures and tables into a folder; `made` draws in the style of the house."""
+def write_page(build: Callable[[], tuple[Head, Sequence[Section]]], folder: Path) -> Path:
+    """Write a page with its figures and tables into a folder; `build` is called in our figure style."""
     parts = folder / PARTS
     parts.mkdir(parents=True, exist_ok=True)
     svgs: dict[str, str] = {}
-    with house_style():
-        head, sections = made()
+    with figure_style():
+        head, sections = build()
         for section in sections:
             for table in section.tables:
                 _write(parts / f"{table.name}.csv", table.as_csv())
@@ -103,7 +103,7 @@ def write_page(made: Callable[[], tuple[Head, Sequence[Section]]], folder: Path)
 
 
 def tables_as_json(facts: CampaignFacts) -> dict[str, Any]:
-    """Return the tables about solves as plain data, under the names of their CSV files."""
+    """Return the tables of results as plain data, under the names of their CSV files."""
     return {
         "id": facts.id,
         "name": facts.name,
@@ -113,6 +113,6 @@ def tables_as_json(facts: CampaignFacts) -> dict[str, Any]:
 
 
 def _write(path: Path, text: str) -> None:
-    # With newline="" the bytes do not depend on the system.
+    # newline="" makes the bytes independent of the operating system.
     with path.open("w", encoding="utf-8", newline="") as file:
         file.write(text)

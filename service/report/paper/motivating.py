@@ -1,7 +1,7 @@
 """The paper's motivating example, and its figure: an outage of 60 hours on the first burn of a transfer.
 
-The nominal transfer is solved from a stored start, the recovery from nothing but what is left of it; both are
-verified independently.  The paper's own trajectory is not public, so the numbers differ from its own.
+The nominal transfer is solved from a stored guess, the recovery from the rest of the nominal one; both are
+verified independently.  The paper's trajectory is not public, so the numbers differ.
 """
 
 import json
@@ -25,7 +25,7 @@ from core.search import solve_recovery
 from core.transcription import transcribe
 from core.verification.verify import verify
 from service.report.paper.values import FLAGSHIP
-from service.report.style import GREEN, INK, ORANGE, SERIES, WIDTH, as_png, as_svg, house_style, lay_out
+from service.report.style import GREEN, INK, ORANGE, SERIES, WIDTH, as_png, as_svg, figure_style, lay_out
 from service.schemas.answer import Answer
 
 Array = NDArray[np.float64]
@@ -36,11 +36,11 @@ SPIRAL_EPOCH = "2025-11-01T00:00:00"
 
 
 class ExampleFailedError(RuntimeError):
-    """A solve of the example that does not close on this machine."""
+    """A solve of the example that does not converge on this machine."""
 
 
 class Side(Answer):
-    """The nominal transfer, or the one flown under the outage."""
+    """The nominal transfer, or the one under the outage."""
 
     #: Since the departure from the spiral, and with the spiral.
     propellant_kg: float
@@ -58,7 +58,7 @@ class Side(Answer):
 
 
 class MotivatingView(Answer):
-    """What the outage costs."""
+    """Cost of the outage."""
 
     outage_segment: int
     outage_days: float
@@ -73,7 +73,7 @@ class MotivatingView(Answer):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Example:
-    """The example with what its pictures are drawn from."""
+    """The example with the trajectories to draw."""
 
     view: MotivatingView
     problem: Problem
@@ -81,12 +81,12 @@ class Example:
 
 
 def motivating() -> Example:
-    """Solve, miss the first burn, recover, verify; a minute's work.
+    """Solve, miss the first burn, recover and verify; takes up to a minute.
 
     Raises
     ------
     ExampleFailedError
-        When one of the two solves does not close on this machine.
+        When one of the two solves does not converge on this machine.
     """
     problem = load_problem(FLAGSHIP)
     nominal = solve(transcribe(problem), _start())
@@ -100,7 +100,7 @@ def motivating() -> Example:
 
 
 def _start() -> Array:
-    """Return the stored start of the nominal transfer."""
+    """Return the stored guess of the nominal transfer."""
     text = (files("service.report.paper") / "motivating.json").read_text(encoding="utf-8")
     stored = json.loads(text)
     controls = np.array(stored["controls"]).ravel()
@@ -173,7 +173,7 @@ NOMINAL, RECOVERED = ("nominal", GREEN), ("under the outage", SERIES[4])
 def write_motivating(flight: Flight, folder: Path) -> list[Path]:
     """Draw the example into a folder, as SVG and as PNG; return the files."""
     folder.mkdir(parents=True, exist_ok=True)
-    with house_style():
+    with figure_style():
         figure = motivating_figure(flight)
         lay_out(figure)
         svg, png = folder / "motivating.svg", folder / "motivating.png"

@@ -1,4 +1,4 @@
-"""Sections that need no solve: the sparsity of Jacobians, and how often and how long thrust is lost."""
+"""The paper's figures that need no solve: sparsity of Jacobians, and frequency and duration of safe modes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from service.report.tables import Cell, Column, Table
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pattern:
-    """One Jacobian: where its entries are."""
+    """The sparsity pattern of one Jacobian."""
 
     title: str
     #: (n_rows, n_columns) whether an entry is there.
@@ -47,7 +47,7 @@ class PaperMark:
 
 
 def patterns(shown: Sequence[Pattern]) -> Figure:
-    """Return the patterns one above the other, on one scale of columns."""
+    """Return the patterns one above the other, with a common horizontal scale."""
     figure = Figure(figsize=(WIDTH, 1.75 * len(shown)), layout="constrained")
     widest = max(one.entries.shape[1] for one in shown)
     for axes, one in zip(figure.subplots(len(shown), sharex=True), shown, strict=True):
@@ -61,7 +61,7 @@ def patterns(shown: Sequence[Pattern]) -> Figure:
 
 
 def _rectangles(entries: NDArray[np.bool_]) -> Path:
-    """Return rectangles that cover the entries: rows that are alike, one after the other, are one."""
+    """Return rectangles that cover the entries; equal consecutive rows share theirs."""
     changes = np.flatnonzero(np.any(entries[1:] != entries[:-1], axis=1)) + 1
     corners: list[tuple[int, int]] = []
     for top, bottom in zip((0, *changes), (*changes, len(entries)), strict=True):
@@ -240,7 +240,7 @@ def _sizes_table() -> Table:
 
 
 def outages_section() -> Section:
-    """Return how many safe modes an arc sees, and how long outages last."""
+    """Return distributions of the number of safe modes and of the duration of outages."""
     arcs = [count_distribution(arc, N_MOST) for arc in ARCS]
     law = (
         "Weibull laws as public code gives them with reference to Imken et al. 2018; times between safe "
@@ -275,7 +275,7 @@ def _counts_table(arcs: list[CountDistribution]) -> Table:
         )
         for one in arcs
     )
-    caption = "Probabilities of how many safe modes begin on an arc."
+    caption = "Probability of each number of safe modes that begin on an arc."
     return Table("outage-counts", "Number of safe modes", caption, columns, rows)
 
 
@@ -286,5 +286,5 @@ def _statements() -> Table:
         Column("paper", "published_probability", 2, PRINTED),
     )
     rows = tuple((one.sentence, one.value, one.paper) for one in quoted_statements())
-    caption = "The three numbers that the paper quotes, in words that say what they are the probability of."
+    caption = "The three numbers that the paper quotes, with the event that each is the probability of."
     return Table("outage-statements", "What the paper quotes", caption, columns, rows)

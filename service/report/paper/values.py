@@ -1,6 +1,6 @@
-"""What the paper reports of its strategies, to stand beside ours.
+"""Values that the paper reports for its strategies.
 
-Each number bears where it comes from: printed in Table 8, read from a figure, or computed.  The paper prints
+Each number is marked as printed in Table 8, read from a figure, or computed.  The paper prints
 neither the guesses nor, for conditional strategies, the solutions; the counts here are those that reproduce
 every printed digit or every value read.  Delta-v includes the paper's spiral, 3.252 km/s.
 """
@@ -26,7 +26,7 @@ FLAGSHIP = "ppe-drm3"
 DURATIONS_DAYS = (0.5, 1.0, 1.5)
 #: Delta-v of the paper's spiral [km/s]: 15,000 kg to 13,271 kg.
 SPIRAL_DELTA_V_KM_S = 3.252
-#: How well figures can be read: ratios and hours as shares, delta-v in km/s.
+#: Precision of reading figures: relative for ratios and hours, in km/s for delta-v.
 READING_SHARE = 0.005
 READING_KM_S = 0.003
 
@@ -37,7 +37,7 @@ def is_flagship(problem: Problem) -> bool:
 
 
 class Published(NamedTuple):
-    """A number of the paper, where it comes from, and how far it may be off."""
+    """A number of the paper, its source, and its error bound."""
 
     value: float
     mark: Mark
@@ -153,11 +153,11 @@ _FIGURES = (
 )
 
 
-def _printed(digits: str, unit: float = 1.0) -> Published:
+def _from_print(digits: str, unit: float = 1.0) -> Published:
     return Published(float(digits) * unit, "P", _half_digit(digits) * unit)
 
 
-def _read(digits: str, unit: float = 1.0) -> Published:
+def _from_figure(digits: str, unit: float = 1.0) -> Published:
     error = READING_SHARE * float(digits) + _half_digit(digits)
     return Published(float(digits) * unit, "F", error * unit)
 
@@ -180,8 +180,8 @@ def _non_conditional() -> list[PaperValue]:
             n_guesses=n_guesses,
             n_solutions=found,
             n_solutions_mark="P",
-            ratio=_printed(ratios[i], 0.01),
-            hours_per_solution=_printed(hours[i]),
+            ratio=_from_print(ratios[i], 0.01),
+            hours_per_solution=_from_print(hours[i]),
             mean_delta_v_total_km_s=_delta_v(means[i]),
             cumulative_hours=None,
         )
@@ -200,10 +200,10 @@ def _conditional() -> list[PaperValue]:
             n_guesses=n_guesses,
             n_solutions=found,
             n_solutions_mark="C",
-            ratio=_read(ratios[i], 0.01),
-            hours_per_solution=_read(hours[i]),
+            ratio=_from_figure(ratios[i], 0.01),
+            hours_per_solution=_from_figure(hours[i]),
             mean_delta_v_total_km_s=_delta_v(means[i]),
-            cumulative_hours=_read(sums[i]) if sums else None,
+            cumulative_hours=_from_figure(sums[i]) if sums else None,
         )
         for k, seed_k, n_guesses, counts, ratios, hours, means, sums in _FIGURES
         for i, found in enumerate(counts)

@@ -15,7 +15,7 @@ from core.problem import load_problem
 from service.report import tables_as_json, write_report
 from service.report.paper.values import is_flagship
 from service.report.plots import Row, Series, forest
-from service.report.style import BLUE, as_svg, for_page, house_style, lay_out
+from service.report.style import BLUE, as_svg, figure_style, for_page, lay_out
 from service.report.tables import Column, Table, significant
 
 PROBLEM = load_problem("ppe-drm3")
@@ -284,7 +284,7 @@ def test_the_same_facts_give_the_same_bytes(written, tmp_path):
 
 def test_a_figure_in_the_page_takes_its_colours_and_keeps_its_text():
     rows = [Row("#0072c3", 'fill: #0072c3"', (Estimate(2.0, 1.0, 4.0),))]
-    with house_style():
+    with figure_style():
         figure = forest(rows, [Series("ours", BLUE)], "share, %", is_time=False)
         lay_out(figure)
         inner = for_page(as_svg(figure), "one")
@@ -306,7 +306,7 @@ def test_numbers_keep_three_digits_and_no_powers_of_ten():
     shown = {0.0: "0", 0.02834: "0.0283", 9.7083: "9.71", 12.0: "12.0", 900.0: "900", 12960.4: "12,960"}
     assert {value: significant(value) for value in shown} == shown
     four = Column("p", "p", 4, is_p=True)
-    assert [four.shown(value) for value in (0.00001, 0.0312, nan, None)] == ["< 0.0001", "0.0312", "–", "–"]
+    assert [four.text(value) for value in (0.00001, 0.0312, nan, None)] == ["< 0.0001", "0.0312", "–", "–"]
 
 
 def test_a_spreadsheet_finds_no_formula_in_a_name():
