@@ -66,7 +66,7 @@ _ONE = "/campaigns/{campaign_id}"
 _SEARCH = _ONE + "/searches/{name}"
 _SEEDS = ("campaign", "search", "problem", "outage", "k", "order", "limit", "tolerance", "mapping")
 ROUTES = {
-    "campaigns": Route("GET", "/campaigns", CampaignCards),
+    "campaigns": Route("GET", "/campaigns", CampaignCards, ("name",)),
     "campaign": Route("GET", _ONE, CampaignView),
     "submit": Route("POST", "/campaigns", CampaignView),
     **{verb: Route("POST", f"{_ONE}/{verb}", CampaignView) for verb in ("pause", "resume", "cancel")},
@@ -192,16 +192,15 @@ class Client:
             raise _client_error(error) from error
 
     def find_campaign(self, name_or_id: str) -> int:
-        """Return the campaign of an id, or the newest of a name."""
-        if name_or_id.isdecimal():
-            return self.campaign(int(name_or_id)).id
-        found = next((item.id for item in self.campaigns() if item.name == name_or_id), None)
-        if found is None:
-            raise ClientError(
-                f"campaign {name_or_id}: expected one that exists, got none of this name; see "
-                f"`coastarc status --url {self.url}`"
-            )
-        return found
+        """Return the newest campaign of a name, or else that of an id."""
+        for item in self._ask("campaigns", CampaignCards, name=name_or_id).items:
+            # A coordinator of an older version lists all of its campaigns.
+            if item.name == name_or_id or (name_or_id.isdecimal() and item.id == int(name_or_id)):
+                return item.id
+        raise ClientError(
+            f"campaign {name_or_id}: expected one that exists, got none with this name or id; see "
+            f"`coastarc status --url {self.url}`"
+        )
 
     def solutions(
         self,

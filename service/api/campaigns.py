@@ -4,7 +4,7 @@ import tempfile
 from collections.abc import AsyncIterator
 from typing import Annotated, Any, BinaryIO
 
-from fastapi import APIRouter, BackgroundTasks, Depends, Header, Path, Request, Response
+from fastapi import APIRouter, BackgroundTasks, Depends, Header, Path, Query, Request, Response
 from fastapi.responses import StreamingResponse
 from starlette.background import BackgroundTask
 
@@ -26,6 +26,8 @@ Key = Annotated[str | None, Header(pattern="^[!-~]{1,200}$", description="Unique
 SearchName = Annotated[
     str, Path(pattern="^[A-Za-z0-9][A-Za-z0-9 ._-]{0,79}$", description="Name of a search")
 ]
+
+CampaignName = Annotated[str | None, Query(max_length=80, description="Name or id of the only one wanted")]
 
 
 @router.post(
@@ -180,9 +182,12 @@ def import_campaign(
 
 
 @router.get("/campaigns")
-def list_campaigns(store: StoreHere) -> CampaignCards:
-    """Return the campaigns, the newest first, each with how far it is and what it has found."""
-    return CampaignCards(items=store.campaign_cards())
+def list_campaigns(store: StoreHere, name: CampaignName = None) -> CampaignCards:
+    """Return the newest 200 campaigns, each with how far it is and what it has found.
+
+    With `name` only one, however old it is: the newest of this name, or else that of this id.
+    """
+    return CampaignCards(items=store.campaign_cards(name))
 
 
 @router.get("/campaigns/{campaign_id}/history")

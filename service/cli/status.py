@@ -28,7 +28,7 @@ class Readable(Protocol):
         """Return a campaign."""
 
     def find_campaign(self, name_or_id: str) -> int:
-        """Return the campaign of an id, or the newest of a name."""
+        """Return the newest campaign of a name, or else that of an id."""
 
     def workers(self) -> WorkerPage:
         """Return the workers."""

@@ -78,7 +78,7 @@ class Archive:
             return filters.campaign_state(session, campaign_id)
 
     def find_campaign(self, name_or_id: str) -> int:
-        """Return the campaign of an id, or the newest of a name."""
+        """Return the newest campaign of a name, or else that of an id."""
         with self._database.read() as session:
             return filters.find_campaign(session, name_or_id)
 

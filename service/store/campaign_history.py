@@ -37,6 +37,7 @@ from service.schemas.campaign import (
 from service.store.cache import search_spec
 from service.store.campaigns import Numbers, campaigns_in_numbers, eta_seconds, item_fields, ratio_view
 from service.store.errors import UnknownRowError
+from service.store.filters import look_up_campaign
 from service.store.statistics import summed
 
 T = TypeVar("T")
@@ -448,11 +449,18 @@ def _box(k: int, strategy: str, duration_days: float | None, ordered: Any, most:
 N_MOMENTS = 60
 
 
-def campaign_cards(session: Session, known: HistoryCache, now: float, limit: int = 200) -> list[CampaignCard]:
-    """Return the campaigns, the newest first."""
+def campaign_cards(
+    session: Session, known: HistoryCache, now: float, name_or_id: str | None = None
+) -> list[CampaignCard]:
+    """Return the campaigns, the newest first, or the one of a name or id if there is one."""
+    only = None
+    if name_or_id is not None:
+        only = look_up_campaign(session, name_or_id)
+        if only is None:
+            return []
     return [
         _card(campaign, numbers, known.history(campaign), now)
-        for campaign, numbers in campaigns_in_numbers(session, limit)
+        for campaign, numbers in campaigns_in_numbers(session, only)
     ]
 
 

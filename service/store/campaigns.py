@@ -29,16 +29,21 @@ def ratio_view(n: int, n_solves: int) -> RatioView:
 RATE_WINDOW_S = 300.0
 
 
-def list_campaigns(session: Session, limit: int = 200) -> list[CampaignItem]:
+#: Campaigns that are listed, the newest.
+MOST_CAMPAIGNS = 200
+
+
+def list_campaigns(session: Session) -> list[CampaignItem]:
     """Return the campaigns, the newest first."""
-    return [
-        CampaignItem(**item_fields(row, numbers)) for row, numbers in campaigns_in_numbers(session, limit)
-    ]
+    return [CampaignItem(**item_fields(row, numbers)) for row, numbers in campaigns_in_numbers(session)]
 
 
-def campaigns_in_numbers(session: Session, limit: int) -> list[tuple[CampaignRow, "list[Numbers]"]]:
-    """Return the campaigns, the newest first, with the numbers of their searches in order."""
-    rows = session.scalars(select(CampaignRow).order_by(CampaignRow.id.desc()).limit(limit)).all()
+def campaigns_in_numbers(
+    session: Session, only: int | None = None
+) -> list[tuple[CampaignRow, "list[Numbers]"]]:
+    """Return the campaigns, the newest first, or one, with the numbers of their searches in order."""
+    query = select(CampaignRow).order_by(CampaignRow.id.desc()).limit(MOST_CAMPAIGNS)
+    rows = session.scalars(query if only is None else query.where(CampaignRow.id == only)).all()
     of_campaign: dict[int, list[Numbers]] = {row.id: [] for row in rows}
     for one in numbers_of(session, SearchRow.campaign_id.in_(of_campaign)):
         of_campaign[one.row.campaign_id].append(one)

@@ -184,15 +184,19 @@ def _survives(outages: list[dict[str, Any]], wanted: Filter) -> bool:
 
 
 def find_campaign(session: Session, name_or_id: str) -> int:
-    """Return the campaign of an id, or the newest of a name."""
-    found = None
-    if name_or_id.isdecimal() and len(name_or_id) < 19:
+    """Return the newest campaign of a name, or else that of an id."""
+    found = look_up_campaign(session, name_or_id)
+    if found is None:
+        raise UnknownRowError("campaign", name_or_id, "none with this name or id")
+    return found
+
+
+def look_up_campaign(session: Session, name_or_id: str) -> int | None:
+    """Return the newest campaign of a name, or else that of an id, or None."""
+    # A campaign may be named "7".
+    found = session.scalar(select(func.max(CampaignRow.id)).where(CampaignRow.name == name_or_id))
+    if found is None and name_or_id.isdecimal() and len(name_or_id) < 19:
         found = session.scalar(select(CampaignRow.id).where(CampaignRow.id == int(name_or_id)))
-    if found is None:
-        # A campaign may be called "7".
-        found = session.scalar(select(func.max(CampaignRow.id)).where(CampaignRow.name == name_or_id))
-    if found is None:
-        raise UnknownRowError("campaign", name_or_id, "none with this id or name")
     return found
 
 

@@ -272,11 +272,11 @@ class Store(Archive):
         """Read a piece of what cards and histories of campaigns tell of; return whether more may be left."""
         return self._histories.read_on()
 
-    def campaign_cards(self) -> list[CampaignCard]:
-        """Return the campaigns with how far they are and what they have found, the newest first."""
+    def campaign_cards(self, name_or_id: str | None = None) -> list[CampaignCard]:
+        """Return the campaigns with how far they are and what they have found, the newest first, or one."""
         now = self._about_now()
         return self._histories.ask(
-            lambda session, known: campaign_history.campaign_cards(session, known, now)
+            lambda session, known: campaign_history.campaign_cards(session, known, now, name_or_id)
         )
 
     def campaign_history(self, campaign_id: int) -> HistoryView:

@@ -1,5 +1,6 @@
 """The client for people's programs, against the OpenAPI document and against a running coordinator."""
 
+import itertools
 import json
 import re
 from pathlib import Path
@@ -7,10 +8,12 @@ from pathlib import Path
 import httpx
 import pytest
 
+from core.errors import UserError
 from service.app import create_app
 from service.client import ROUTES, Client, ClientError
 from service.coordinator import Coordinator
 from service.spec.spec import SeedChoices
+from service.store import campaigns
 from service.store.solutions import Filter
 from service.store.store import Store
 from tests.service.campaigns import finish, spec_fields, submitted
@@ -68,6 +71,7 @@ CALLS = {
 }
 #: What the query says of these calls.
 QUERIES = {
+    "find_campaign": {"name"},
     "solutions": {"campaign", "search", "strict", "limit", "after"},
     "seeds_of_search": {"campaign", "search", "order", "limit", "tolerance", "mapping"},
     "seeds_of_problem": {"problem", "outage", "k", "order", "limit", "tolerance", "mapping"},
@@ -75,6 +79,10 @@ QUERIES = {
     "jobs": {"campaign", "search", "state", "limit", "after"},
     "events": {"after", "campaign", "limit"},
 }
+
+
+#: The same specification twice is one campaign.
+RNG_SEEDS = itertools.count()
 
 
 class SentError(Exception):
@@ -163,6 +171,31 @@ def test_a_campaign_is_submitted_paused_resumed_and_cancelled(running):
     searches = client.control_search(view.id, "s0", "pause").searches
     assert [search.state for search in searches] == ["paused", "waiting"]
     assert client.control_campaign(view.id, "cancel").state == "cancelled"
+
+
+def test_a_campaign_is_found_by_name_and_then_by_id_with_and_without_a_coordinator(running):
+    store, client = running
+    ids = [submitted(store, _named_campaign(name)) for name in ("7", "mine", "mine", "1")]
+    for source in (client, store):
+        # The last is named as the first is numbered.
+        assert [source.find_campaign(wanted) for wanted in ("7", "mine", "2", "1")] == [1, 3, 2, 4]
+        with pytest.raises(UserError, match="campaign 99: expected one that exists, got none with this name"):
+            source.find_campaign("99")
+    assert ids == [1, 2, 3, 4]
+
+
+def test_a_campaign_is_found_however_many_are_newer(running, monkeypatch):
+    store, client = running
+    old = submitted(store, _named_campaign("old"))
+    submitted(store, _named_campaign("new"))
+    monkeypatch.setattr(campaigns, "MOST_CAMPAIGNS", 1)
+    assert [item.name for item in client.campaigns()] == ["new"]
+    assert client.find_campaign("old") == store.find_campaign("old") == old
+
+
+def _named_campaign(name):
+    rng_seed = next(RNG_SEEDS)
+    return spec_fields() | {"campaign": {"name": name, "rng_seed": rng_seed}}
 
 
 def test_what_was_found_is_read_page_by_page(running):

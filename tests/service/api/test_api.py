@@ -235,7 +235,7 @@ def test_no_path_from_a_client_is_opened(client):
 
 
 def test_a_bug_is_a_500_without_details(client, store, monkeypatch):
-    def broken():
+    def broken(name_or_id):
         raise ZeroDivisionError("secret")
 
     monkeypatch.setattr(store, "campaign_cards", broken)

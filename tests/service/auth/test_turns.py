@@ -27,7 +27,7 @@ class Patient:
     def __getattr__(self, name):
         return getattr(self._store, name)
 
-    def campaign_cards(self):
+    def campaign_cards(self, name_or_id=None):
         with self._lock:
             self.n_inside += 1
             self.most_inside = max(self.most_inside, self.n_inside)
