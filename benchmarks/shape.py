@@ -103,9 +103,9 @@ def _named_after(name: str, nouns: Iterable[str]) -> str | None:
 
 
 def import_graph(roots: Iterable[str] = ROOTS) -> Graph:
-    """Return for each module of the packages those that it imports."""
+    """Return for each module of the packages those that it imports when it runs, not for types alone."""
     first, *others = roots
-    graph = grimp.build_graph(first, *others, cache_dir=None)
+    graph = grimp.build_graph(first, *others, cache_dir=None, exclude_type_checking_imports=True)
     return {module: graph.find_modules_directly_imported_by(module) for module in graph.modules}
 
 

@@ -1,26 +1,29 @@
-"""What a problem may say, field by field: physical limits, and what a value beyond them likely is.
+"""Plausible ranges of a problem's fields, and the likely slip behind a value outside them.
 
-A `core.problem.Problem`, which imports this module, comes in; text comes out, for its `require_physical`:
+`core.problem.require_physical` calls this module.  A line reads
 `<field>: expected <range>, got <value>; <likely slip>`.
 """
 
 import math
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING
 
 from core.constants import RADIUS_EARTH_KM
 
-#: A geocentric state and a parking orbit lie within this distance [km]: three times the Earth's sphere of
-#: influence and more, and less than the Earth's radius in metres.
+if TYPE_CHECKING:
+    from core.problem import Problem
+
+#: Greatest distance of a geocentric state or parking orbit [km]: more than three times the Earth's sphere of
+#: influence, and less than the Earth's radius in metres.
 FARTHEST_KM = 5e6
 #: Greatest geocentric speed [km/s]: escape from the surface takes 11, the Earth flies about the Sun at 30.
 FASTEST_KM_S = 25.0
-#: Latest arrival past the departure epoch [days]: what the target's orbit is made for.
+#: Latest arrival past the departure epoch [days], for which the target's orbit can be generated.
 LATEST_ARRIVAL_DAYS = 3000.0
-#: NAIF's numbers of the bodies of the force model and of the barycentres, none of which is a target.
+#: NAIF ids of the bodies of the force model and of the barycentres, none of which is a target.
 BODIES_OF_MODEL = frozenset((*range(11), 301, 399, 599))
 
-#: Field, least and greatest value, unit, and what a value beyond them likely is.
+#: Field, least and greatest value, unit, and the likely slip behind a value outside.
 RANGES: tuple[tuple[str, float, float, str, str], ...] = (
     ("spacecraft.wet_mass_kg", 0.1, 1e7, "kg", "in grams or tons?"),
     ("spacecraft.dry_mass_kg", 0.01, 1e7, "kg", "in grams or tons?"),
@@ -36,18 +39,18 @@ RANGES: tuple[tuple[str, float, float, str, str], ...] = (
 )
 
 
-def slips(problem: Any) -> list[str]:
-    """Return one line per value that no spacecraft near the Earth has.
+def slips(problem: "Problem") -> list[str]:
+    """Return one line per value that is implausible for a spacecraft near the Earth.
 
     Parameters
     ----------
     problem : Problem
-        What a user wrote, its fields in order.
+        The problem as given by the user.
     """
     return [*_out_of_range(problem), *_out_of_place(problem)]
 
 
-def _out_of_range(problem: Any) -> Iterator[str]:
+def _out_of_range(problem: "Problem") -> Iterator[str]:
     for field, low, high, unit, slip in RANGES:
         part, _, last = field.partition(".")
         value = getattr(getattr(problem, part), last, None)
@@ -55,7 +58,7 @@ def _out_of_range(problem: Any) -> Iterator[str]:
             yield f"{field}: expected {low:g} to {high:g} {unit}, got {value:g}; {slip}"
 
 
-def _out_of_place(problem: Any) -> Iterator[str]:
+def _out_of_place(problem: "Problem") -> Iterator[str]:
     departure, target = problem.departure, problem.target
     if departure.kind == "state":
         distance, speed = math.hypot(*departure.position_km), math.hypot(*departure.velocity_km_s)

@@ -1,1 +1,1 @@
-"""What trajectories and campaigns are worth: samples for figures, statistics, costs, and what outages do."""
+"""Analysis of trajectories and campaigns: samples for figures, statistics, costs, and missed thrust."""

@@ -1,6 +1,6 @@
-"""The facts of a campaign's solves, as the archive keeps them, from which its statistics are computed.
+"""Facts of a campaign's solves, as stored, from which its statistics are computed.
 
-No solution is propagated or solved again for a statistic; docs/method.md, section 9.
+Statistics never propagate or solve a solution again; docs/method.md, section 9.
 """
 
 from collections.abc import Mapping
@@ -43,10 +43,11 @@ class SolveFacts:
     paper: bool
     strict: bool
     cpu_seconds: float
-    #: CPU time that the solve was allowed, that of P_0 times 1 + k [s].
+    #: CPU limit of the solve, that of P_0 times 1 + k [s].
     cap_seconds: float
     seed_id: str | None
-    #: What it found, None unless feasible for the paper; delta-v since departure, then with the spiral.
+    #: The solution, None unless feasible to the loose tolerance; delta-v since departure, then with the
+    #: spiral.
     solution_id: str | None
     propellant_kg: float | None
     delta_v_km_s: float | None

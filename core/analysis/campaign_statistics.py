@@ -1,8 +1,8 @@
 """Statistics of a campaign: solves in groups, each with its ratios, costs, distinct solutions and delta-v.
 
-Everything is computed from facts that the archive stores; nothing is propagated or solved.  Masses in kg,
-delta-v in km/s.  What is undefined for a group (a cost without solutions, a mean of nothing) is NaN in the
-records, and None in the rows that are made of them.  docs/method.md, section 9.
+Everything is computed from stored facts; nothing is propagated or solved.  Masses in kg, delta-v in km/s.
+Undefined values (a cost without solutions, the mean of an empty group) are NaN in the records and None in
+the rows made of them.  docs/method.md, section 9.
 """
 
 from collections.abc import Hashable, Iterable, Mapping, Sequence
@@ -17,7 +17,7 @@ from core.analysis.similarity import DISTINCT, clusters, feature_rows
 
 _T = TypeVar("_T")
 
-#: What the paper charges per guess, whatever it used [core-hours for P_0; P_k costs 1 + k times as much].
+#: The paper's flat charge per guess [core-hours for P_0; P_k costs 1 + k times as much].
 CHARGE_HOURS = 0.5
 #: Attributes of `SolveFacts` that make the groups of the main table.
 BY_STRATEGY = ("strategy", "duration_days")
@@ -25,27 +25,27 @@ _SECONDS_PER_HOUR = 3600.0
 
 
 class Cost(NamedTuple):
-    """What something took in three currencies, failures included."""
+    """A cost by three measures, failures included."""
 
     #: CPU time spent.
     core_hours: float
-    #: CPU time that the solves were allowed.
+    #: CPU limits of the solves.
     cap_hours: float
     #: The paper's charge, 0.5 h (1 + k) per guess.
     charged_hours: float
 
     def per(self, n: int) -> "Cost":
-        """Return the share of each of n solutions, not a number without any; eq. (M1)."""
+        """Return a total per solution, NaN without solutions; eq. (M1)."""
         return Cost(*(hours / n if n else nan for hours in self))
 
     def rate(self, n: int | None) -> float:
-        """Return how many of n things one spent core-hour gives, not a number where either is not known."""
+        """Return n per core-hour spent, NaN where either is unknown."""
         return nan if n is None or not self.core_hours else n / self.core_hours
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Findings:
-    """The facts of a campaign with its solutions at hand."""
+    """The facts of a campaign, with indices of its solutions."""
 
     facts: CampaignFacts
     #: The solve that first found each solution, by solution id.
@@ -58,7 +58,7 @@ class Findings:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """A group of solves; what its solves do not all share is None."""
+    """A group of solves; an attribute in which its solves differ is None."""
 
     search: str | None
     strategy: str | None
@@ -78,8 +78,8 @@ class Summary:
     cost: Cost
     cost_per_paper: Cost
     cost_per_strict: Cost
-    #: Clusters of references, counted within each case, and how many of them one spent core-hour gives; None
-    #: and no number where the facts are without vectors.
+    #: Clusters of references, counted within each case, and clusters per core-hour spent; None
+    #: and NaN where the facts are without vectors.
     n_distinct: int | None
     distinct_per_core_hour: float
     #: Of the transfer, then with the spiral.
@@ -106,12 +106,12 @@ class SeedYield:
 
 
 def findings_of(facts: CampaignFacts) -> Findings:
-    """Return the facts of a campaign with its solutions at hand.
+    """Return the facts of a campaign, with indices of its solutions.
 
     Parameters
     ----------
     facts : CampaignFacts
-        Solves in order of address; `vectors` holds every solution whose distinctness is to be told, or none.
+        Solves in order of address; `vectors` holds all solutions to be compared for distinctness, or none.
     """
     found_by: dict[str, SolveFacts] = {}
     for solve in facts.solves:
@@ -121,10 +121,10 @@ def findings_of(facts: CampaignFacts) -> Findings:
     return Findings(facts, found_by, row_of, feature_rows(facts.problem, list(facts.vectors.values())))
 
 
-def grouped(
+def group_solves(
     solves: Iterable[SolveFacts], by: Sequence[str] = BY_STRATEGY
 ) -> dict[tuple[Hashable, ...], list[SolveFacts]]:
-    """Return the solves by the values of some of their attributes, groups and members in the given order.
+    """Group solves by the values of some of their attributes, groups and members in the given order.
 
     Parameters
     ----------
@@ -153,12 +153,14 @@ def summaries(
     by : sequence of str
         Attributes of `SolveFacts` that make the groups.
     level : "paper" or "strict"
-        Tolerance of the solutions whose delta-v and distinctness are told.
+        Tolerance of the solutions whose delta-v and distinctness are computed.
     """
-    return tuple(summarized(findings, group, level) for group in grouped(findings.facts.solves, by).values())
+    return tuple(
+        summarize(findings, group, level) for group in group_solves(findings.facts.solves, by).values()
+    )
 
 
-def summarized(findings: Findings, solves: Sequence[SolveFacts], level: Level = "strict") -> Summary:
+def summarize(findings: Findings, solves: Sequence[SolveFacts], level: Level = "strict") -> Summary:
     """Return the summary of one group of solves, which may be empty.
 
     Parameters
@@ -168,7 +170,7 @@ def summarized(findings: Findings, solves: Sequence[SolveFacts], level: Level = 
     solves : sequence of SolveFacts
         In order of address.
     level : "paper" or "strict"
-        Tolerance of the solutions whose delta-v and distinctness are told.
+        Tolerance of the solutions whose delta-v and distinctness are computed.
 
     References
     ----------
@@ -176,8 +178,8 @@ def summarized(findings: Findings, solves: Sequence[SolveFacts], level: Level = 
     """
     n_paper, n_strict = len(solutions(solves, "paper")), len(solutions(solves, "strict"))
     cost, found = cost_of(solves), solutions(solves, level)
-    is_told = bool(findings.row_of) or not findings.found_by
-    n_distinct = count_distinct(findings, found) if is_told else None
+    is_complete = bool(findings.row_of) or not findings.found_by
+    n_distinct = count_distinct(findings, found) if is_complete else None
     return Summary(
         **columns_of_group(solves),
         level=level,
@@ -212,7 +214,7 @@ def solutions(solves: Iterable[SolveFacts], level: Level) -> list[SolveFacts]:
 
 
 def cost_of(solves: Sequence[SolveFacts]) -> Cost:
-    """Return what solves took in all.
+    """Return the total cost of solves.
 
     Parameters
     ----------
@@ -227,7 +229,7 @@ def cost_of(solves: Sequence[SolveFacts]) -> Cost:
 
 
 def count_distinct(findings: Findings, found: Iterable[SolveFacts], threshold: float = DISTINCT) -> int:
-    """Return how many solutions are distinct, eqs. (M2) and (M3): those of different cases always are.
+    """Count distinct solutions, eqs. (M2) and (M3); those of different cases are always distinct.
 
     Parameters
     ----------
@@ -258,7 +260,7 @@ def seed_yields(solves: Iterable[SolveFacts]) -> tuple[SeedYield, ...]:
     solves : iterable of SolveFacts
         Of a campaign, or of one duration or mapping of it.
     """
-    groups = grouped(solves, ("seed_k", "k"))
+    groups = group_solves(solves, ("seed_k", "k"))
     found = [_seed_yield(group) for group in groups.values()]
     return tuple(sorted(found, key=lambda one: (-1 if one.seed_k is None else one.seed_k, one.k)))
 
@@ -290,7 +292,7 @@ def case_name(outages: Sequence[tuple[int, float]]) -> str:
 
 
 def columns_of_group(solves: Sequence[SolveFacts]) -> dict[str, Any]:
-    """Return what names a group in its record, None where its solves differ.
+    """Return the columns that identify a group, None where its solves differ.
 
     Parameters
     ----------
@@ -307,7 +309,7 @@ def columns_of_group(solves: Sequence[SolveFacts]) -> dict[str, Any]:
 
 
 def shared(values: Iterable[_T]) -> _T | None:
-    """Return the value that all have, or None if they differ or there are none.
+    """Return the common value, or None if the values differ or there are none.
 
     Parameters
     ----------
@@ -319,7 +321,7 @@ def shared(values: Iterable[_T]) -> _T | None:
 
 
 def row(record: Any, prefix: str = "") -> dict[str, str | int | float | None]:
-    """Return a record as one row of a table: parts as "field_part", what is no finite number as None.
+    """Return a record as one row of a table: nested fields as "field_part", NaN and infinities as None.
 
     Parameters
     ----------
@@ -335,7 +337,7 @@ def row(record: Any, prefix: str = "") -> dict[str, str | int | float | None]:
         if is_dataclass(value) or hasattr(value, "_fields"):
             cells |= row(value, f"{prefix}{name}_")
         else:
-            # A ratio's own value bears the name of its field.
+            # The value of a ratio has the name of its field.
             key = f"{prefix}{name}".removesuffix("_value")
             cells[key] = None if isinstance(value, float) and not isfinite(value) else value
     return cells

@@ -1,7 +1,7 @@
 """Solutions against their own seeds, and strategies against each other, with the size of every sample.
 
-Each test answers one question with few assumptions; none says that a difference matters, only that chance
-alone would hardly make it.
+Each test makes few assumptions.  A small p says that a difference is unlikely by chance alone, not that it is
+large enough to matter.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -14,18 +14,18 @@ import scipy
 from numpy.typing import ArrayLike
 
 from core.analysis.campaign_facts import Level, SolveFacts
-from core.analysis.campaign_statistics import BY_STRATEGY, Findings, columns_of_group, grouped, solutions
+from core.analysis.campaign_statistics import BY_STRATEGY, Findings, columns_of_group, group_solves, solutions
 from core.analysis.metrics import Ratio, Spread, feasibility_ratio, spread
 from core.tolerances import STRICT
 
-#: A change of propellant that the verifier cannot tell from none [kg].  Where a realization costs nothing, a
-#: second solve returns the seed's reference but for 1e-9 kg, and the sign of that means nothing.
+#: A change of propellant below the accuracy of the verifier [kg].  Where a realization costs nothing, a
+#: second solve returns the seed's reference to 1e-9 kg, and the sign of the difference is noise.
 SAME_KG = STRICT.mass_kg
 
 
 @dataclass(frozen=True, slots=True)
 class PairedChange:
-    """What solutions need more than their own seeds: negative where they got cheaper."""
+    """Propellant of solutions minus that of their own seeds: negative where the solution is cheaper."""
 
     search: str | None
     strategy: str | None
@@ -60,7 +60,7 @@ class Comparison:
     fisher_holm_p: float
     #: Median delta-v of one minus that of the other [km/s].
     median_difference_km_s: float
-    #: Chance that a solution of one needs more delta-v than one of the other, ties halved [-].
+    #: Common-language effect size: P(delta-v of one > that of the other), ties counted half [-].
     dearer: float
     #: Two-sided test of the delta-v, alone and corrected for all comparisons made with it.
     mann_whitney_p: float
@@ -70,7 +70,7 @@ class Comparison:
 def paired_changes(
     findings: Findings, by: Sequence[str] = BY_STRATEGY, level: Level = "strict"
 ) -> tuple[PairedChange, ...]:
-    """Return the changes from seed to solution of each group of solves that has seeds.
+    """Return the paired changes of each group of solves that has seeds.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def paired_changes(
         Tolerance of the solutions.
     """
     with_seeds = [solve for solve in findings.facts.solves if solve.seed_id is not None]
-    return tuple(paired_change(findings, group, level) for group in grouped(with_seeds, by).values())
+    return tuple(paired_change(findings, group, level) for group in group_solves(with_seeds, by).values())
 
 
 def paired_change(findings: Findings, solves: Sequence[SolveFacts], level: Level = "strict") -> PairedChange:
@@ -93,7 +93,7 @@ def paired_change(findings: Findings, solves: Sequence[SolveFacts], level: Level
     Parameters
     ----------
     findings : Findings
-        Knows the solves that found the seeds.
+        Includes the solves that found the seeds.
     solves : sequence of SolveFacts
         May be empty.
     level : "paper" or "strict"
@@ -121,18 +121,18 @@ def paired_change(findings: Findings, solves: Sequence[SolveFacts], level: Level
         propellant_kg=spread(changes),
         delta_v_km_s=spread(delta_v),
         cheaper=feasibility_ratio(sum(change < -SAME_KG for change in changes), len(changes)),
-        wilcoxon_p=wilcoxon_p([_told(float(np.mean(pairs))) for pairs in mass.values()]),
+        wilcoxon_p=wilcoxon_p([_zero_if_negligible(float(np.mean(pairs))) for pairs in mass.values()]),
     )
 
 
-def _told(change_kg: float) -> float:
+def _zero_if_negligible(change_kg: float) -> float:
     return 0.0 if abs(change_kg) <= SAME_KG else change_kg
 
 
 def wilcoxon_p(changes: ArrayLike) -> float:
     """Return the two-sided p of the signed-rank test that changes are symmetric about zero.
 
-    Zeros are dropped; where nothing else is, p is 1, and not a number without any change.
+    Zeros are dropped; p is 1 if all changes are zero, and NaN without any change.
 
     Parameters
     ----------
@@ -150,12 +150,12 @@ def wilcoxon_p(changes: ArrayLike) -> float:
     return float(scipy.stats.wilcoxon(moved).pvalue)
 
 
-def compared(
+def compare_groups(
     groups: Mapping[str, Sequence[SolveFacts]],
     pairs: Iterable[tuple[str, str]] | None = None,
     level: Level = "strict",
 ) -> tuple[Comparison, ...]:
-    """Return comparisons of groups of solves as one family, corrected together, eqs. (M9) to (M11).
+    """Compare groups of solves pairwise, p-values corrected for all comparisons, eqs. (M9) to (M11).
 
     Parameters
     ----------
@@ -181,7 +181,7 @@ def compared(
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Return p-values corrected for being a family, eq. (M11); what is no number is no member.
+    """Return p-values with Holm's correction for multiple comparisons, eq. (M11); NaN is left out.
 
     Parameters
     ----------
@@ -231,7 +231,7 @@ def _delta_v(found: Iterable[SolveFacts]) -> list[float]:
 
 
 def _delta_v_test(values: Sequence[float], others: Sequence[float]) -> tuple[float, float, float]:
-    """Return difference of medians, share of pairs in which the first is larger, and p; eq. (M10)."""
+    """Return the difference of medians, the common-language effect size, and p; eq. (M10)."""
     if not values or not others:
         return nan, nan, nan
     found = scipy.stats.mannwhitneyu(values, others)

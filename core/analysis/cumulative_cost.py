@@ -1,8 +1,8 @@
-"""What a strategy costs together with the seeds that it lives on, all along its seed chain.
+"""Cumulative cost of a strategy, including the searches that produced its seeds.
 
-A conditional ratio says nothing of how its seeds came about.  The paper multiplies ratios and adds hours per
-solution along the chain; but a solution takes as many seeds as solves, so the full cost counts each seed as
-often as it is tried.  Hours are core-hours.
+A conditional ratio does not include the cost of its seeds.  The paper multiplies ratios and adds hours per
+solution along the chain; but each solve uses a seed, so the full cost counts each seed as often as it is
+tried.  Hours are core-hours.
 """
 
 from collections.abc import Sequence
@@ -11,10 +11,10 @@ from math import nan
 from typing import Literal
 
 from core.analysis.campaign_facts import Level, SolveFacts
-from core.analysis.campaign_statistics import Findings, cost_of, grouped, shared, solutions
-from core.analysis.metrics import Estimate, Ratio, feasibility_ratio, product_ratio, propagated
+from core.analysis.campaign_statistics import Findings, cost_of, group_solves, shared, solutions
+from core.analysis.metrics import Estimate, Ratio, feasibility_ratio, product_ratio, propagate_interval
 
-#: As spent, as allowed by the cap, or as the paper charges: fields of `campaign_statistics.Cost`.
+#: Spent, limited by the CPU cap, or charged as in the paper: fields of `campaign_statistics.Cost`.
 Currency = Literal["core_hours", "cap_hours", "charged_hours"]
 
 
@@ -46,7 +46,7 @@ class Link:
         return self.n_seeds / self.n_solves if self.n_solves else nan
 
 
-#: Where seeds come from that no solve of the campaign found.
+#: Source of seeds that no solve of the campaign found.
 _UNKNOWN = Link("?", 0, 0, 0, 0.0)
 
 
@@ -60,16 +60,16 @@ class Cumulative:
     strategy: str
     duration_days: float | None
     mapping: str | None
-    #: Of its own solutions; its seeds count at the level at which it took them.
+    #: Of its own solutions; its seeds count at the level required of them.
     level: Level
     currency: Currency
     #: Product of the ratios.
     ratio: Ratio
-    #: Sum of the hours per solution, as the paper adds them.
+    #: Sum of the hours per solution, as in the paper.
     hours: Estimate
     #: Hours per solution if each seed is tried once.
     full_hours: Estimate
-    #: Hours per solution with the seeds that were used, each paid once however often it was tried.
+    #: Hours per solution including the seeds used, each counted once however often it was tried.
     shared_hours: Estimate
 
 
@@ -89,7 +89,7 @@ def cumulative_ratio(links: Sequence[Link]) -> Ratio:
 
 
 def cumulative_hours(links: Sequence[Link]) -> Estimate:
-    """Return the sum of the hours per solution of a seed chain, as the paper adds them, eq. (M5).
+    """Return the sum of the hours per solution along a seed chain, as in the paper, eq. (M5).
 
     Parameters
     ----------
@@ -102,21 +102,21 @@ def cumulative_hours(links: Sequence[Link]) -> Estimate:
     """
     hours = [link.hours_per_solve for link in links]
 
-    def added(ratios: Sequence[float]) -> float:
+    def total(ratios: Sequence[float]) -> float:
         return sum(each / ratio for each, ratio in zip(hours, ratios, strict=True))
 
-    return propagated(added, [link.ratio for link in links])
+    return propagate_interval(total, [link.ratio for link in links])
 
 
 def full_hours(links: Sequence[Link], is_shared: bool = False) -> Estimate:
-    """Return the hours per solution with those of all seeds that it took, eq. (M6).
+    """Return the hours per solution including those of all seeds used, eq. (M6).
 
     Parameters
     ----------
     links : sequence of Link
         From the search without seeds on; at least one.
     is_shared : bool
-        Whether a seed that served several solves is paid once; else each solve pays a seed of its own.
+        Whether a seed used by several solves is counted once; else once for each solve.
 
     References
     ----------
@@ -131,7 +131,7 @@ def full_hours(links: Sequence[Link], is_shared: bool = False) -> Estimate:
             cost = (n_seeds * cost + each) / ratio
         return cost
 
-    return propagated(full, [link.ratio for link in links])
+    return propagate_interval(full, [link.ratio for link in links])
 
 
 def seed_chains(
@@ -140,7 +140,7 @@ def seed_chains(
     currency: Currency = "core_hours",
     by: Sequence[str] = ("search", "duration_days"),
 ) -> tuple[Cumulative, ...]:
-    """Return what each search costs with its seeds, for each of its groups.
+    """Return the cumulative cost of each search, for each of its groups.
 
     The seeds of a group are those found by the search that it names, at the durations at which its seeds were
     found; seeds from elsewhere have an unknown cost.
@@ -169,16 +169,16 @@ def seed_chains(
     if "search" not in by:
         raise ValueError(f"groups: expected search among the attributes, got {', '.join(by)}")
     chains = _Chains(findings, currency)
-    groups = grouped(findings.facts.solves, by).values()
+    groups = group_solves(findings.facts.solves, by).values()
     return tuple(_cumulative(chains.links(group, level), group, level, currency) for group in groups)
 
 
 class _Chains:
-    """Follows the solves of a campaign back to those that found their seeds."""
+    """Traces the solves of a campaign back to those that found their seeds."""
 
     def __init__(self, findings: Findings, currency: Currency) -> None:
         self.findings, self.currency = findings, currency
-        self.groups = grouped(findings.facts.solves, ("search", "duration_days"))
+        self.groups = group_solves(findings.facts.solves, ("search", "duration_days"))
         self.known: dict[tuple[str, frozenset[float | None], Level], list[Link]] = {}
 
     def links(self, solves: Sequence[SolveFacts], level: Level) -> list[Link]:
@@ -199,7 +199,7 @@ class _Chains:
     def _source(self, search: str, durations: frozenset[float | None], level: Level) -> list[Link]:
         key = search, durations, level
         if key not in self.known:
-            # Stands there while we ask, so that a search that lives on itself ends in the unknown.
+            # Set before the recursion, so that a cycle of searches ends in the unknown.
             self.known[key] = [_UNKNOWN]
             givers = [one for days in durations for one in self.groups.get((search, days), ())]
             self.known[key] = self.links(givers, level)

@@ -1,10 +1,10 @@
-"""A solution in samples, for figures: where it is, what it weighs, how it thrusts, arc by arc.
+"""A solution sampled for figures: position, mass and thrust, arc by arc.
 
 Samples are dense where an arc curves and sparse where it does not.
 Frames: inertial is geocentric J2000.  Rotating is geocentric too, x along the Moon, z along the Moon's
-angular momentum, both instantaneous, and all lengths are scaled so that the Moon stays at 384,400 km.
-Units: km, kg, rad, days past the departure epoch; canonical inside.  A figure is no verification:
-`core.verification.verify` is.
+angular momentum, both instantaneous, with lengths scaled so that the Moon stays at 384,400 km.
+Units: km, kg, rad, days past the departure epoch; canonical inside.  For verification use
+`core.verification.verify`.
 """
 
 from collections.abc import Callable
@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 MAX_SAMPLES = 4000
 # In a quarter of a day the rotating frame turns by three degrees.
 _MAX_STEP = 0.25 / TU_DAYS
-#: Relative tolerance of the steps unless asked for otherwise: what it leaves, 0.04 km or so, is far below a
+#: Default relative tolerance of the steps: the error, about 0.04 km, is far below a
 #: pixel of any picture.
 TOLERANCE = 1e-9
 
@@ -44,7 +44,7 @@ def sample_arc(
     times: Array,
     states: Array,
 ) -> int:
-    """Fly one arc and write samples of it, the first of which is already there.
+    """Propagate one arc and write samples of it; the first is given.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def sample_arc(
 
 @compiled
 def _free_fall(gm: Array, bodies: Array, state: Array) -> float:
-    """Return the time in which a circular orbit about the Earth or the Moon turns by a radian, the lesser."""
+    """Return the time per radian of a circular orbit about the Earth or the Moon, whichever is shorter."""
     to_earth = (state[0] ** 2 + state[1] ** 2 + state[2] ** 2) ** 1.5 / gm[0]
     x, y, z = state[0] - bodies[0], state[1] - bodies[1], state[2] - bodies[2]
     to_moon = (x * x + y * y + z * z) ** 1.5 / gm[1]
@@ -109,7 +109,7 @@ def _free_fall(gm: Array, bodies: Array, state: Array) -> float:
 
 #: Samples per radian of the local circular orbit: about 125 a revolution, whatever its size.
 SAMPLES_PER_RADIAN = 20.0
-#: How far the target's path is drawn from the reference's insertion on [days]: one revolution of the NRHO.
+#: Length of the target's path from the reference's insertion on [days]: one revolution of the NRHO.
 TARGET_DAYS = 6.6
 #: Steps along the paths of the Moon and of the target [days].
 MOON_STEP_DAYS = 0.5
@@ -160,7 +160,7 @@ class FlownTrajectory:
 
 
 class Path(NamedTuple):
-    """Where a body goes."""
+    """The path of a body."""
 
     #: (n,) epochs [days past departure].
     days: Array
@@ -183,7 +183,7 @@ class Flight:
 
 
 class _Piece(NamedTuple):
-    """An arc as flown: samples in order of time."""
+    """A propagated arc: samples in order of time."""
 
     kind: str
     segment: int
@@ -202,7 +202,7 @@ class _Halves(NamedTuple):
 def fly(
     problem: Problem, x: Array, samples_per_radian: float = SAMPLES_PER_RADIAN, tolerance: float = TOLERANCE
 ) -> Flight:
-    """Return samples of the reference and of every realization.
+    """Sample the reference and every realization.
 
     Parameters
     ----------
@@ -234,10 +234,10 @@ def fly(
     sampler = _Sampler(transcription, samples_per_radian, tolerance)
     layout, *others = transcription.layout.trajectories
     reference = sampler.halves(layout, x, 0.0, transcription.setting.departure)
-    flown = [sampler.finished(None, reference)]
+    flown = [sampler.trajectory(None, reference)]
     for layout in others:
         start, state = _start_of(layout, reference)
-        flown.append(sampler.finished(layout.outage, sampler.halves(layout, x, start, state)))
+        flown.append(sampler.trajectory(layout.outage, sampler.halves(layout, x, start, state)))
     insertion = float(reference.backward[-1].times[0]) * TU_DAYS
     arrival = max(float(trajectory.days[-1]) for trajectory in flown)
     return Flight(
@@ -283,7 +283,7 @@ def _start_of(layout: TrajectoryLayout, reference: _Halves) -> tuple[float, Arra
 
 
 class _Sampler:
-    """Flies the arcs of one problem and tells where the bodies are."""
+    """Propagates the arcs of one problem and evaluates the positions of the bodies."""
 
     def __init__(self, transcription: Transcription, samples_per_radian: float, tolerance: float) -> None:
         self.model = transcription.setting.model
@@ -329,7 +329,7 @@ class _Sampler:
         relative, moon = state_at(self.target, days), state_at(self.model.bodies, days)
         return np.concatenate([moon[0, :3] + relative[0, :3], moon[1, :3] + relative[1, :3]])
 
-    def finished(self, outage: Outage | None, halves: _Halves) -> FlownTrajectory:
+    def trajectory(self, outage: Outage | None, halves: _Halves) -> FlownTrajectory:
         """Return the samples of a trajectory in public units."""
         pieces = [*halves.forward, *halves.backward]
         stops = np.cumsum([len(piece.times) for piece in pieces])
@@ -370,7 +370,7 @@ class _Sampler:
         return self.moon_at(days) + state_at(self.target, days)[0, :3]
 
     def path(self, place: Callable[[float], Array], start: float, stop: float, step: float) -> Path:
-        """Return where a body goes between two epochs [days], as far as the tables reach."""
+        """Return the path of a body between two epochs [days], as far as the tables reach."""
         stop = min(stop, span_days(self.target)[1], span_days(self.model.bodies)[1])
         days = np.linspace(start, stop, max(2, round((stop - start) / step) + 1))
         position = np.array([place(moment) for moment in days]) * LU_KM

@@ -1,8 +1,7 @@
-"""What a search and its solutions are worth, in numbers.
+"""Metrics of a search and its solutions: feasibility ratios, delta-v, and their intervals.
 
-Feasibility ratios always come with their interval and their number of guesses: a ratio of 3 in 2,400 and
-one of 3 in 30 are different statements.  Masses in kg, delta-v in km/s.  What cannot be told, because there
-is nothing to tell it from, is not a number.
+Feasibility ratios always have an interval and a number of guesses: 3 of 2,400 and 3 of 30 are different
+statements.  Masses in kg, delta-v in km/s.  Undefined values, as of an empty sample, are NaN.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,7 +22,7 @@ Z_95 = 1.96
 class Ratio(NamedTuple):
     """A feasibility ratio with its 95 % Wilson interval [-]."""
 
-    #: Feasible solutions per guess; not a number while there are no guesses.
+    #: Feasible solutions per guess; NaN without guesses.
     value: float
     low: float
     high: float
@@ -39,9 +38,9 @@ class Estimate(NamedTuple):
 
 
 class Spread(NamedTuple):
-    """How numbers are spread, in their own unit; all but n are not a number where n is too small."""
+    """Summary statistics of numbers, in their own unit; all but n are NaN where n is too small."""
 
-    #: How many numbers.
+    #: Size of the sample.
     n: int
     mean: float
     #: 95 % interval of the mean, by Student's t.
@@ -71,7 +70,7 @@ def feasibility_ratio(n_feasible: int, n_guesses: int) -> Ratio:
 def wilson_interval(n_successes: int, n_trials: int, z: float = Z_95) -> tuple[float, float]:
     """Return the Wilson score interval of a binomial probability, docs/method.md eq. 23.
 
-    Unlike the textbook normal interval it stays inside [0, 1] and is honest for the rare successes of a
+    Unlike the normal approximation it stays inside [0, 1] and has good coverage for the rare successes of a
     global search.  Without trials it is all of [0, 1].
 
     Parameters
@@ -97,7 +96,7 @@ def wilson_interval(n_successes: int, n_trials: int, z: float = Z_95) -> tuple[f
     p, share = n_successes / n_trials, z * z / n_trials
     centre = p + share / 2.0
     half_width = z * sqrt(p * (1.0 - p) / n_trials + share / (4.0 * n_trials))
-    # At p = 0 and p = 1 one end is exactly 0 or 1, and rounding must not carry it outside.
+    # At p = 0 and p = 1 one end is exactly 0 or 1, which rounding must not exceed.
     return max(0.0, (centre - half_width) / (1.0 + share)), min(1.0, (centre + half_width) / (1.0 + share))
 
 
@@ -120,7 +119,7 @@ def delta_v_km_s(spacecraft: Spacecraft, start_mass_kg: float, final_mass_kg: fl
     spacecraft : Spacecraft
         Its specific impulse is in s.
     start_mass_kg, final_mass_kg : float
-        Masses before and after [kg]; a final mass of zero costs infinitely much.
+        Masses before and after [kg]; a final mass of zero gives an infinite delta-v.
     """
     if final_mass_kg <= 0.0:
         return inf
@@ -154,7 +153,7 @@ def total_delta_v_km_s(problem: Problem, final_mass_kg: float) -> float:
 
 
 def spread(values: ArrayLike) -> Spread:
-    """Return mean with its interval, quartiles and extremes of some numbers, eq. (M4).
+    """Return the mean with its interval, quartiles and extremes of numbers, eq. (M4).
 
     Student's t takes the numbers as independent; solutions of one seed are not quite.
 
@@ -179,11 +178,11 @@ def spread(values: ArrayLike) -> Spread:
     return Spread(n, mean, mean - half_width, mean + half_width, least, lower, median, upper, greatest)
 
 
-def propagated(quantity: Callable[[Sequence[float]], float], ratios: Sequence[Ratio]) -> Estimate:
-    """Return a quantity made of independent ratios, with the interval that theirs give it, eq. (M7).
+def propagate_interval(quantity: Callable[[Sequence[float]], float], ratios: Sequence[Ratio]) -> Estimate:
+    """Return a function of independent ratios, with the interval propagate_interval from theirs, eq. (M7).
 
-    The distances of the limits of each ratio add up in squares, in the logarithm of the quantity.  While
-    some ratio is zero or unknown, only the end that follows from all limits at once is known.
+    The distances to the limits of each ratio are added in quadrature, in the logarithm of the quantity.
+    While some ratio is zero or unknown, only the end that follows from all limits at once is known.
 
     Parameters
     ----------
@@ -221,5 +220,5 @@ def product_ratio(ratios: Sequence[Ratio]) -> Ratio:
     """
     if any(isnan(ratio.value) or ratio.value == 0.0 for ratio in ratios):
         return Ratio(prod(ratio.value for ratio in ratios), 0.0, prod(ratio.high for ratio in ratios))
-    value, low, high = propagated(prod, ratios)
+    value, low, high = propagate_interval(prod, ratios)
     return Ratio(value, low, min(1.0, high))

@@ -1,13 +1,13 @@
-"""What outages do to one trajectory: which ones it recovers from, at what price, and how likely it survives.
+"""Outage response of one trajectory: which outages it recovers from, at what cost, and its survivability.
 
-What flows in: a problem, its reference, what became of recoveries from outages of several segments and
-durations, each with the reference frozen (`core.search.solve_recovery`), and the two laws of outages.  What
-flows out: maps (segment x duration) of propellant and delay, the longest outage that each segment takes, and
+Input: a problem, its reference, the results of recoveries from outages of several segments and durations,
+each with a frozen reference (`core.search.solve_recovery`), and the two probability distributions of outages.
+Output: maps (segment x duration) of propellant and delay, the longest outage that each segment tolerates, and
 the probabilities of no safe mode, of a single one with and without a recovery, and of several.
 
-A recovery from an outage is one from any shorter outage of the same segment too: the spacecraft only waits
-longer.  So a cell holds the cheapest recovery among those of its duration and of longer ones, and its cost
-never falls with the duration.  Times are in days past departure.
+A recovery from an outage is also one from any shorter outage of the same segment: the spacecraft only waits
+longer.  So a cell has the cheapest recovery of its duration or a longer one, and the cost never decreases
+with the duration.  Times are in days past departure.
 """
 
 from collections.abc import Iterable, Sequence
@@ -35,7 +35,7 @@ Indices = NDArray[np.int64]
 
 
 class Attempt(NamedTuple):
-    """A try to recover from one outage."""
+    """An attempt to recover from one outage."""
 
     outage: Outage
     #: Mass at arrival [kg] and end of the last burn [days past departure]; None where it did not succeed.
@@ -44,7 +44,7 @@ class Attempt(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MissedThrust:
-    """How one trajectory takes outages; rows are segments, columns durations."""
+    """Outage response of one trajectory; rows are segments, columns durations."""
 
     #: (n,) segments at whose start outages begin, counted from 1, and (m,) how long they last [days].
     segments: Indices
@@ -65,12 +65,12 @@ class MissedThrust:
 
     @property
     def is_open(self) -> NDArray[np.bool_]:
-        """(n,) whether the longest outage that was asked for has a recovery, so that longer ones may."""
+        """(n,) whether the longest outage requested has a recovery, so that longer ones may have one too."""
         return np.asarray(self.longest_days >= self.durations_days[-1])
 
 
 def missed_thrust(problem: Problem, x: Array, attempts: Iterable[Attempt]) -> MissedThrust:
-    """Return how a trajectory takes the outages that were tried.
+    """Return the response of a trajectory to the outages that were tried.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def missed_thrust(problem: Problem, x: Array, attempts: Iterable[Attempt]) -> Mi
 
 
 def attempt(problem: Problem, x: Array | None) -> Attempt:
-    """Return what a solve of P_1 tells about its outage.
+    """Return the attempt that a solve of P_1 represents.
 
     Parameters
     ----------
@@ -181,11 +181,11 @@ def _last_burn(x: Array, own: TrajectoryLayout, begin: float) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Survivability:
-    """What may happen to a trajectory until the end of its last segment."""
+    """Probabilities of safe modes until the end of the last segment of a trajectory."""
 
     #: With the outages that have a recovery; `one_uncovered` are those that have none.
     least: Coverage
-    #: The same if segments that take the longest outage that was tried take any.
+    #: The same if segments with a recovery from the longest outage that was tried have one from any.
     most: Coverage
     #: (N + 1,) probability that the one safe mode begins on the initial coast or in a segment and has no
     #: recovery [-]; they add up to `least.one_uncovered`.
@@ -204,11 +204,11 @@ def survivability(
     between: Weibull = SAFE_MODES,
     recovery: Weibull = RECOVERIES,
 ) -> Survivability:
-    """Return the probability that a trajectory reaches its target whatever single outage comes.
+    """Return the probability that a trajectory reaches its target with at most one outage.
 
     A safe mode inside a thrusting segment counts as the outage that begins with the segment; one on a coast
-    misses thrust only from the next thrusting segment on.  A segment that was left out takes what the weaker
-    of its neighbours takes.
+    misses thrust only from the next thrusting segment on.  A segment that was left out has the longest outage
+    of its weaker neighbour.
 
     Parameters
     ----------
@@ -227,7 +227,7 @@ def survivability(
     """
     single = []
     for allowed in (found.longest_days, np.where(found.is_open, np.inf, found.longest_days)):
-        every = _for_all(found, allowed, problem.n_segments)
+        every = _interpolate(found, allowed, problem.n_segments)
         spans = spans_of(problem, x, every.tolist(), THRUSTING, "lasting")
         single.append([chances(span, spans[-1].stop, between, recovery) for span in spans])
     least, most = (coverage_of(spans, one, between) for one in single)
@@ -238,7 +238,7 @@ def survivability(
 def fragile_segments(
     problem: Problem, x: Array, found: MissedThrust, recovery: Weibull = RECOVERIES
 ) -> list[int]:
-    """Return the thrusting segments that do not take an outage of median length, the weakest first.
+    """Return the thrusting segments without a recovery from an outage of median length, the weakest first.
 
     Parameters
     ----------
@@ -254,15 +254,15 @@ def fragile_segments(
     vector = checked_vector(layout_of(problem), x)
     throttles = vector[layout_of(problem).reference.controls][::CONTROL]
     is_lit = throttles[found.segments - 1] > THRUSTING
-    # Where nothing as long was tried, the last duration has to do.
+    # Where nothing as long was tried, the last duration is used.
     wanted = min(recovery.median(), float(found.durations_days[-1]))
     weak = np.flatnonzero(is_lit & (found.longest_days < wanted))
     order = sorted(weak, key=lambda row: (found.longest_days[row], found.segments[row]))
     return [int(found.segments[row]) for row in order]
 
 
-def _for_all(found: MissedThrust, allowed: Array, n_segments: int) -> Array:
-    """Return what every segment takes: between two that were tried, the less."""
+def _interpolate(found: MissedThrust, allowed: Array, n_segments: int) -> Array:
+    """Return the longest outage of every segment: between two that were tried, the lesser."""
     segments = np.arange(1, n_segments + 1)
     last = len(found.segments) - 1
     after = np.searchsorted(found.segments, segments)

@@ -1,9 +1,9 @@
-"""Safe modes: how often thrust is lost and for how long, and how much of that a set of outages covers.
+"""Safe modes: frequency and duration of losses of thrust, and the coverage of them by a set of outages.
 
-What flows in: Weibull laws of the times between safe modes and until recovery, and an arc or a problem with
-its decision vector.  What flows out: probabilities.  Safe modes form a renewal process that starts with the
-arc: the times between them, the first one included, are independent and of one law.  The time that outages
-themselves last is neglected.  An arc ends with the last segment: afterwards the spacecraft coasts on the
+Input: Weibull distributions of the times between safe modes and until recovery, and an arc or a problem with
+its decision vector.  Output: probabilities.  Safe modes form a renewal process that starts with the arc: the
+times between them, the first one included, are independent and identically distributed.  The duration of the
+outages themselves is neglected.  An arc ends with the last segment: afterwards the spacecraft coasts on the
 target, and no thrust can be missed.  All times are in days; those of a trajectory are past departure.
 """
 
@@ -42,13 +42,13 @@ Array = NDArray[np.float64]
 class Weibull:
     """The law F(t) = 1 - exp(-(t/scale)^shape) of a time t > 0; docs/method.md, section 13 (R1)."""
 
-    #: Time that a share 1/e exceeds [days].
+    #: Scale: the time exceeded with probability 1/e [days].
     scale_days: float
     #: Below 1 the rate falls with time, at 1 it is constant: the exponential law [-].
     shape: float
 
     def __post_init__(self) -> None:
-        """Refuse parameters that make no law."""
+        """Check the parameters."""
         for name, value in (("scale_days", self.scale_days), ("shape", self.shape)):
             if not (isfinite(value) and value > 0.0):
                 raise ValueError(f"{name}: expected a positive finite number, got {value}")
@@ -71,7 +71,7 @@ class Weibull:
         return np.asarray(self.shape * hazard / np.asarray(days, dtype=float) * np.exp(-hazard))
 
     def quantile(self, probability: ArrayLike) -> Array:
-        """Return the time [days] that is not exceeded with a probability in [0, 1)."""
+        """Return the quantile [days] of a probability in [0, 1)."""
         asked = np.asarray(probability, dtype=float)
         if not np.all((asked >= 0.0) & (asked < 1.0)):
             raise ValueError(f"probability: expected 0 <= p < 1, got {asked}")
@@ -110,13 +110,13 @@ _QUADRATURE = 1e-12
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """Probabilities [-] of what may happen until the end of the last segment; the four add up to 1."""
+    """Probabilities [-] of safe modes until the end of the last segment; the four add up to 1."""
 
     #: No safe mode begins.
     none: float
     #: Exactly one, and it misses no thrust, or an outage of the problem is at its segment and as long.
     one_covered: float
-    #: Exactly one, and no outage of the problem stands for it.
+    #: Exactly one, and no outage of the problem covers it.
     one_uncovered: float
     #: Two or more: never covered, since each realization has one outage.
     several: float
@@ -125,7 +125,7 @@ class Coverage:
 
     @property
     def covered(self) -> float:
-        """Probability that nothing happens or a realization stands for what does [-]."""
+        """Probability of no safe mode or a covered one [-]."""
         return self.none + self.one_covered
 
     @property
@@ -142,7 +142,7 @@ def coverage(
     throttle_threshold: float = THRUSTING,
     counted: Counted = "thrusting",
 ) -> Coverage:
-    """Return the probability that the outages of a problem cover what may happen to its reference.
+    """Return the probabilities that the outages of a problem cover the safe modes of its reference.
 
     A safe mode inside segment n counts as the outage at n, which begins with the segment, and is covered if
     it lasts no longer than the longest outage at n.
@@ -192,7 +192,7 @@ class Span(NamedTuple):
 
 
 def coverage_of(spans: Sequence[Span], single: Sequence[tuple[float, float]], between: Weibull) -> Coverage:
-    """Return the sums of what `chances` gives for each span [-]."""
+    """Return the sums of `chances` over spans [-]."""
     arc = spans[-1].stop
     none = float(between.survival(arc))
     one, one_covered = (sum(chance) for chance in zip(*single, strict=True))
@@ -211,7 +211,7 @@ def spans_of(
     x : (n_variables,) array
         Its decision vector [days, -, rad, kg], of which the reference's times and throttles are used.
     allowed_days : (N,) sequence
-        The longest outage that begins with each segment and does no harm [days].
+        The longest tolerated outage that begins with each segment [days].
     threshold : float
         A segment thrusts when its throttle is above this [-].
     counted : {"thrusting", "lasting", "any"}
@@ -224,10 +224,13 @@ def spans_of(
     # Entry 0 is the initial coast, at which no outage can be.
     is_lit = [False, *(vector[own.controls][::CONTROL] > threshold).tolist()]
     allowed = [0.0, *allowed_days]
-    return [Span(edges[i], edges[i + 1], *_missed(i, edges, is_lit, allowed, counted)) for i in range(n + 1)]
+    return [
+        Span(edges[i], edges[i + 1], *_outage_in_span(i, edges, is_lit, allowed, counted))
+        for i in range(n + 1)
+    ]
 
 
-def _missed(
+def _outage_in_span(
     i: int, edges: list[float], is_lit: list[bool], allowed: list[float], counted: Counted
 ) -> tuple[float, float]:
     if is_lit[i] or counted == "any":
@@ -301,7 +304,7 @@ class CountDistribution:
 
     @property
     def one_given_any(self) -> float:
-        """Probability of exactly one where there is one or more [-]; not a number on an arc of no length."""
+        """Probability of exactly one given one or more [-]; NaN on an arc of zero length."""
         return float(self.probabilities[1]) / self.at_least_one if self.at_least_one > 0.0 else float("nan")
 
 
@@ -331,14 +334,14 @@ def count_distribution(arc_days: float, n_max: int = 6, between: Weibull = SAFE_
         raise ValueError(f"arc_days: expected 0 .. {longest:g} ({LONGEST_ARC:g} mean times), got {arc_days}")
     if n_max < 1:
         raise ValueError(f"n_max: expected at least 1, got {n_max}")
-    # Rounding may leave a count that cannot be at -1e-16.
+    # Rounding may leave an impossible count at -1e-16.
     counts = np.maximum(_counts(arc_days, n_max, between), 0.0)
     mean = float(np.arange(len(counts)) @ counts)
     return CountDistribution(arc_days, counts[: n_max + 1], mean)
 
 
 def _counts(arc_days: float, n_max: int, between: Weibull) -> Array:
-    """Return P(0), P(1), .. until nothing is left, at the lowest degree that half of it confirms."""
+    """Return P(0), P(1), .. until negligible, at the lowest degree that agrees with half of it."""
     if arc_days == 0.0:
         return np.append(1.0, np.zeros(n_max))
     coarse = _counts_at(arc_days, n_max, between, _DEGREES[0])
@@ -361,7 +364,7 @@ def _counts_at(arc_days: float, n_max: int, between: Weibull, degree: int) -> Ar
     chance: _Chance = convolve.none
     counts = [float(chance(last))]
     least = max(n_max, arc_days / between.mean())
-    # Where the degree is too low, counts may grow instead of ending.
+    # Where the degree is too low, the probabilities may grow instead of converging.
     while (len(counts) <= least or counts[-1] > _TAIL) and abs(counts[-1]) < 2.0:
         chance = Chebyshev.interpolate(partial(convolve.next, chance), degree, domain=domain)
         counts.append(float(chance(last)))
@@ -374,7 +377,7 @@ _Chance = Callable[[Array], Array]
 class _Convolution(NamedTuple):
     """P(n + 1) from P(n): docs/method.md, section 13 (R3).
 
-    In the time, P(n) has a power that is no integer at 0.  In the hazard h it is entire, and so it is in
+    As a function of time, P(n) has a non-integer power at 0.  In the hazard h it is entire, and so it is in
     h^(1/p) with an integer p, which grows no faster than the time: hence polynomials in that variable.
     """
 
@@ -432,17 +435,17 @@ def duration_cdf(days: ArrayLike, recovery: Weibull = RECOVERIES) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Statement:
-    """A probability in words that say what it is the probability of."""
+    """A probability, and the event in words."""
 
     sentence: str
     #: Computed from the laws [-].
     value: float
-    #: The number that the paper gives, which its words attach to something else; None where it has none [-].
+    #: The number in the paper, whose text describes another event; None where it gives none [-].
     paper: float | None
 
 
 def quoted_statements(between: Weibull = SAFE_MODES, recovery: Weibull = RECOVERIES) -> tuple[Statement, ...]:
-    """Return what the paper's three numbers about outages are, computed and in full.
+    """Return the probabilities behind the three numbers about outages in the paper.
 
     Parameters
     ----------

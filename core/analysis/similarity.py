@@ -1,12 +1,12 @@
-"""Which solutions differ: the scaled distance of their references, clusters, and diverse choices.
+"""Similarity of solutions: the scaled distance of their references, clusters, and diverse selections.
 
 Two references differ by
 
     d^2 = (dT_s/W_s)^2 + (dT_i/W_i)^2 + mean over segments of |du|^2
 
-with W the widths of the bounds and u the throttle vectors, so that angles of unlit segments weigh nothing.
-T_f is left out: on a ballistic target it only says where the trip is declared over.  A solution is turned
-into features once, between which d is the Euclidean distance.
+with W the widths of the bounds and u the throttle vectors, so that angles of unlit segments have no weight.
+T_f is left out: on a ballistic target it does not change the trajectory.  A solution is mapped
+to features once, between which d is the Euclidean distance.
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,14 +20,14 @@ from core.transcription import layout_of, throttle_of
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-#: Least distance of distinct solutions: one segment of fifty throttled by a third more, T_s by 4.5 days [-].
+#: Least distance of distinct solutions: one throttle in fifty differs by a third, or T_s by 4.5 days [-].
 DISTINCT = 0.05
 #: Rows whose distances are computed at once; only the speed depends on it.
 BLOCK = 512
 
 
 def features(problem: Problem, x: Sequence[float] | Array) -> Array:
-    """Return where the reference of a solution stands in the space of the distance.
+    """Return the features of the reference of a solution, whose Euclidean distance is d.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def distance(problem: Problem, one: Sequence[float] | Array, other: Sequence[flo
 
 
 def clusters(rows: Array, threshold: float = DISTINCT) -> Indices:
-    """Return the cluster of each solution, counted from 0 in the order in which they begin.
+    """Return the cluster of each solution, numbered from 0 in order of first appearance.
 
     A solution joins the first earlier representative within the threshold and else represents a new
     cluster, so the order of the rows counts: give them in order of address.  Eq. (M3).
@@ -134,9 +134,9 @@ def clusters(rows: Array, threshold: float = DISTINCT) -> Indices:
 
 
 def most_diverse(rows: Array, n: int) -> Indices:
-    """Return n solutions far from each other: the first, then always the farthest from all chosen.
+    """Return n diverse solutions: the first, then repeatedly the one farthest from all chosen.
 
-    Takes time in proportion to n times the number of rows.  Of equally far ones the first is chosen.
+    The time is proportional to n times the number of rows.  Ties go to the first row.
 
     Parameters
     ----------
@@ -166,21 +166,21 @@ def most_diverse(rows: Array, n: int) -> Indices:
     for i in range(len(chosen)):
         chosen[i] = np.argmax(nearest)
         nearest = np.minimum(nearest, np.sum((rows - rows[chosen[i]]) ** 2, axis=1))
-        # Below every distance, so that a duplicate of a chosen one still comes before a second choice of it.
+        # Below every distance, so that a duplicate of a chosen one comes before the chosen one itself.
         nearest[chosen[: i + 1]] = -1.0
     return chosen
 
 
 class _Representatives:
-    """The representatives found so far, in cells of the feature that spreads most.
+    """The representatives found so far, in cells of the feature with the largest spread.
 
-    A solution and its representative are at most one cell apart, so that others need no look.
+    A solution and its representative are at most one cell apart, so that other cells need no search.
     """
 
     def __init__(self, rows: Array, threshold: float) -> None:
         self.rows, self.threshold = rows, threshold
         self.squares = np.einsum("ij,ij->i", rows, rows)
-        # Bounds the rounding of |a|^2 + |b|^2 - 2ab, which only sorts out what is clearly near or far.
+        # Bounds the rounding of |a|^2 + |b|^2 - 2ab, which only decides pairs that are clearly near or far.
         self.slack = 8.0 * (rows.shape[1] + 4) * np.finfo(float).eps * self.squares.max(initial=0.0)
         self.cells = _cells(rows, threshold)
         self.by_cell: dict[int, list[int]] = {}
@@ -188,7 +188,7 @@ class _Representatives:
         self.n_clusters = 0
 
     def add(self, block: Indices) -> None:
-        """Assign the next rows: to what is there already, the rest to each other."""
+        """Assign the next rows: to existing representatives, the rest among each other."""
         for cell in np.unique(self.cells[block]):
             members = block[self.cells[block] == cell]
             known = np.sort([one for near in (-1, 0, 1) for one in self.by_cell.get(int(cell) + near, ())])
@@ -221,7 +221,7 @@ class _Representatives:
 
 
 def _cells(rows: Array, threshold: float) -> Indices:
-    """Return the cell of each row, a little wider than the threshold so that rounding skips none."""
+    """Return the cell of each row; cells are slightly wider than the threshold, against rounding."""
     if not len(rows):
         return np.empty(0, dtype=np.int64)
     key = rows[:, np.argmax(np.ptp(rows, axis=0))]

@@ -1,8 +1,8 @@
-"""How many entries the Jacobian of P_k has, and where: counted by formula, and read from the transcription.
+"""Number of structural entries of the Jacobian of P_k: by formula, and from the transcription's pattern.
 
 A count is *dense* when every row of a trajectory has an entry in each column that any of its seven defects
 depends on, and *sparse* when the mass rows keep only what masses depend on (docs/method.md, section 14).
-The figure of the paper follows another rule than its text; both are here, under their names.
+The figure of the paper follows another rule than its text; both are implemented, under different names.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ Segmentation = Literal["adaptive", "uniform"]
 
 #: Where realizations start and what they keep.  "nearest": from the nearer half of the reference, without the
 #: missed segment, as coastarc does; "forward": always from the forward half; "kept": nearest, with the missed
-#: segment flown again.  "published" reproduces the figure of the paper and is a rule of whole densities only.
+#: segment repeated.  "published" reproduces the figure of the paper and gives dense entries only.
 Rule = Literal["nearest", "forward", "kept"]
 DensityRule = Literal["nearest", "forward", "kept", "published"]
 
@@ -43,21 +43,21 @@ class Sizes(NamedTuple):
 
     @property
     def filled(self) -> float:
-        """Share of the matrix that dense rows fill [-]."""
+        """Fraction of the matrix filled by dense rows [-]."""
         return self.dense / (self.n_rows * self.n_variables)
 
 
 def sizes(
     n_segments: int, segments: Sequence[int], segmentation: Segmentation = "adaptive", rule: Rule = "nearest"
 ) -> Sizes:
-    """Return how large the Jacobian of P_k is, without a problem at hand.
+    """Return the size of the Jacobian of P_k from the numbers of segments alone.
 
     Parameters
     ----------
     n_segments : int
         Segments N of the reference [-].
     segments : sequence of k int
-        Segments n at which outages begin, 1 .. N [-]; after one at N nothing is left to fly.
+        Segments n at which outages begin, 1 .. N [-]; after one at N no segment is left.
     segmentation : {"adaptive", "uniform"}
         Whether a realization has N - n segments or N.
     rule : {"nearest", "forward", "kept"}
@@ -66,7 +66,7 @@ def sizes(
     Raises
     ------
     ValueError
-        When a segment is none of the reference's, or an option is unknown.
+        When a segment is not one of the reference's, or an option is unknown.
 
     References
     ----------
@@ -76,13 +76,13 @@ def sizes(
     for n in segments:
         if not 1 <= n <= n_segments:
             raise ValueError(f"segments: expected 1 .. {n_segments}, got {n}")
-    own = [_segments_flown(n_segments, n, segmentation, rule) for n in segments]
-    lent = [_lent(n_segments, n, rule) for n in segments]
+    own = [_realization_segments(n_segments, n, segmentation, rule) for n in segments]
+    dependences = [_reference_dependence(n_segments, n, rule) for n in segments]
     columns = [CONTROL * n_segments + _OTHERS, *(CONTROL * n + _OTHERS for n in own)]
-    # Of its own, a mass depends on throttles, T_s and m_f.
+    # A mass depends on these of its own variables: throttles, T_s and m_f.
     mass = [n_segments + 2, *(n + 2 for n in own)]
-    shared = sum(CONTROL * controls + times for controls, times, _ in lent)
-    shared_mass = sum(controls + times for controls, _, times in lent)
+    shared = sum(CONTROL * controls + times for controls, times, _ in dependences)
+    shared_mass = sum(controls + times for controls, _, times in dependences)
     dense = STATE * (sum(columns) + shared)
     sparse = (STATE - 1) * (sum(columns) + shared) + sum(mass) + shared_mass
     return Sizes(STATE * len(columns), sum(columns), dense, sparse)
@@ -95,14 +95,14 @@ def dense_entries(
     return sizes(n_segments, segments, segmentation, rule).dense
 
 
-def _segments_flown(n_segments: int, n: int, segmentation: Segmentation, rule: Rule) -> int:
+def _realization_segments(n_segments: int, n: int, segmentation: Segmentation, rule: Rule) -> int:
     if segmentation == "uniform":
         return n_segments
     return n_segments - n + 1 if rule == "kept" else n_segments - n
 
 
-def _lent(n_segments: int, n: int, rule: Rule) -> tuple[int, int, int]:
-    """Return how many controls and others of the reference a realization needs, and its mass of others."""
+def _reference_dependence(n_segments: int, n: int, rule: Rule) -> tuple[int, int, int]:
+    """Count the reference's controls and others that a realization depends on, and others of its mass."""
     if rule == "forward" or n <= n_segments // 2 + 1:
         # The epoch of the first segment's start does not move with T_s.
         return (n - 1, 2, 1) if n > 1 else (0, 1, 0)
@@ -152,14 +152,14 @@ def density_curve(
     for n_segments in np.atleast_1d(n_values).tolist():
         _check(n_segments, segmentation, rule, DensityRule)
         if rule == "published":
-            found.append(_published(n_segments, m, segmentation))
+            found.append(_published_entries(n_segments, m, segmentation))
         else:
             every = range(m, n_segments + 1, m)
             found.append(dense_entries(n_segments, every, segmentation, rule))
     return np.array(found, dtype=np.int64)
 
 
-def _published(n_segments: int, m: int, segmentation: Segmentation) -> int:
+def _published_entries(n_segments: int, m: int, segmentation: Segmentation) -> int:
     """Return the entries by the rule of the paper's figure, docs/method.md, section 14 (J3)."""
     columns = CONTROL * n_segments + _OTHERS
     for n in range(0, n_segments + 1, m):

@@ -1,9 +1,9 @@
 """How far a decision vector is from a local optimum of P_k, whatever solver found it.
 
-A vector in the paper's variables flows in, the gradient of its Lagrangian flows out: that of the objective
--m_f with the multipliers that leave least of it.  Canonical units (docs/method.md, section 1); the objective
-is in MU, so components are in MU per TU, per radian, per unit of throttle.  What is shared with the solver is
-the transcription alone, in its plain form with one matchpoint per trajectory.
+Input: a decision vector in the paper's variables.  Output: the projected gradient of the Lagrangian of the
+objective -m_f, with least-squares multipliers.  Canonical units (docs/method.md, section 1); the objective is
+in MU, so components are in MU per TU, per radian, per unit of throttle.  Only the transcription is shared
+with the solver, in its single-matchpoint form.
 """
 
 from dataclasses import dataclass
@@ -21,13 +21,13 @@ Mask = NDArray[np.bool_]
 #: the whole burn of a segment of 1.5 days is worth 5 kg.
 OPTIMAL = 1e-6
 
-#: Share of a bound's width within which a variable counts as lying at it.
+#: Fraction of a bound's width within which a variable counts as at the bound.
 AT_BOUND = 1e-6
 
 
-# Singular values below this share of the largest are rounding.
+# Singular values below this fraction of the largest are rounding.
 _RANK = 1e-14
-# The active set changes by a few entries a step; measured 3 to 12 steps.
+# The active set changes by a few entries a step; 3 to 12 steps were measured.
 _MOST_STEPS, _HALVINGS = 200, 40
 
 
@@ -35,9 +35,9 @@ _MOST_STEPS, _HALVINGS = 200, 40
 class Stationarity:
     """The first-order conditions at one decision vector."""
 
-    #: Largest component of the projected gradient [MU per canonical unit]; infinite where it cannot be had.
+    #: Largest component of the projected gradient [MU per canonical unit]; infinite where it is undefined.
     residual: float
-    #: (n_variables,) gradient of the Lagrangian, zero where a bound carries it [MU per canonical unit].
+    #: (n_variables,) gradient of the Lagrangian, zero at active bounds [MU per canonical unit].
     gradient: Array
     #: (n_defects,) multipliers of the defects [MU per LU, VU, MU].
     multipliers: Array
@@ -49,7 +49,7 @@ class Stationarity:
 
 
 class Box(NamedTuple):
-    """Which variables lie at a bound; none at both."""
+    """Which variables are at a bound; none at both."""
 
     #: (n,) where the gradient may be positive, and where negative.
     at_lower: Mask
@@ -60,20 +60,20 @@ def stationarity(transcription: Transcription, x: Array) -> Stationarity:
     """Return the first-order conditions of P_k at a decision vector.
 
     A variable within `AT_BOUND` of a bound may have a gradient that points out of the box.  The bounds of
-    the angles are seams of the sphere, not ends, so angles never count as bounded.  The angles of an unlit
-    segment have no gradient, and weigh nothing.
+    the angles are seams of the sphere, not limits, so angles never count as bounded.  The angles of an unlit
+    segment have no gradient.
 
     Parameters
     ----------
     transcription : Transcription
-        The problem; its tolerance plays no part.
+        The problem; its tolerance has no effect.
     x : (n_variables,) array
         Decision vector [days, rad, kg].
 
     Returns
     -------
     Stationarity
-        With an infinite residual where a trajectory cannot be flown.
+        With an infinite residual where a trajectory cannot be propagated.
 
     Raises
     ------
@@ -97,9 +97,9 @@ def stationarity(transcription: Transcription, x: Array) -> Stationarity:
 
 
 def projected_gradient(objective: Array, jacobian: Array, box: Box) -> tuple[Array, Array]:
-    """Return what is left of the Lagrangian's gradient, and the multipliers that leave least of it.
+    """Return the projected gradient of the Lagrangian with least-squares multipliers, and these.
 
-    Least means least squares: phi(m) = |P(g + J^T m)|^2, where P drops components that a bound carries.  phi
+    The multipliers minimize phi(m) = |P(g + J^T m)|^2, where P drops components at active bounds.  phi
     is convex and piecewise quadratic; Newton's method with halved steps reaches its minimum in finitely many.
 
     Parameters
@@ -120,14 +120,14 @@ def projected_gradient(objective: Array, jacobian: Array, box: Box) -> tuple[Arr
     weights = np.zeros(basis.shape[1])
     left = objective.copy()
     for _ in range(_MOST_STEPS):
-        is_open = ~_carried(left, box)
+        is_open = ~_at_active_bound(left, box)
         step = np.linalg.lstsq(basis[is_open], -left[is_open], rcond=None)[0]
-        size = _decreasing(left, basis @ step, box)
+        size = _step_size(left, basis @ step, box)
         if size == 0.0:
             break
         weights += size * step
         left = objective + basis @ weights
-    return _projected(left, box), to_multipliers @ weights
+    return _project(left, box), to_multipliers @ weights
 
 
 def _range_of(jacobian: Array) -> tuple[Array, Array]:
@@ -139,22 +139,22 @@ def _range_of(jacobian: Array) -> tuple[Array, Array]:
     return right[kept].T, left[:, kept] / values[kept] / norms[:, None]
 
 
-def _carried(gradient: Array, box: Box) -> Mask:
-    """Return where a bound carries the gradient."""
-    carried: Mask = (box.at_lower & (gradient > 0.0)) | (box.at_upper & (gradient < 0.0))
-    return carried
+def _at_active_bound(gradient: Array, box: Box) -> Mask:
+    """Return where a bound is active: where the descent direction points out of the box."""
+    active: Mask = (box.at_lower & (gradient > 0.0)) | (box.at_upper & (gradient < 0.0))
+    return active
 
 
-def _projected(gradient: Array, box: Box) -> Array:
-    return np.where(_carried(gradient, box), 0.0, gradient)
+def _project(gradient: Array, box: Box) -> Array:
+    return np.where(_at_active_bound(gradient, box), 0.0, gradient)
 
 
-def _decreasing(left: Array, change: Array, box: Box) -> float:
-    """Return the largest of 1, 1/2, 1/4, .. by which the change lessens phi, or 0 at its minimum."""
-    least, size = float(np.sum(_projected(left, box) ** 2)), 1.0
+def _step_size(left: Array, change: Array, box: Box) -> float:
+    """Return the largest of 1, 1/2, 1/4, .. with which the change decreases phi, or 0 at its minimum."""
+    least, size = float(np.sum(_project(left, box) ** 2)), 1.0
     for _ in range(_HALVINGS):
-        # A smaller gain is rounding.
-        if float(np.sum(_projected(left + size * change, box) ** 2)) < least * (1.0 - 1e-14):
+        # A smaller decrease is rounding.
+        if float(np.sum(_project(left + size * change, box) ** 2)) < least * (1.0 - 1e-14):
             return size
         size *= 0.5
     return 0.0

@@ -1,7 +1,7 @@
-"""The search: where guesses come from, and which outcome a chain goes on from.
+"""The search: guess and hop distributions, mappings of seeds, and monotonic basin hopping.
 
-A name is imported when it is first asked for: whoever reads a specification needs `settings` alone, which is
-light, while what flies arcs compiles them with numba.
+A name is imported on first use: reading a specification needs `settings` alone, which is light, while the
+modules that propagate arcs import numba.
 """
 
 from typing import TYPE_CHECKING

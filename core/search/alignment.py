@@ -1,8 +1,7 @@
 """Realizations placed on the paths of a seed at the same epochs, and a seed on a finer mesh.
 
-The forms `aligned` and `continued` of docs/method.md, section 8.  Mesh refinement loses nothing: each control
-is repeated, so the thrust is the same function of time, and what follows is the solver's gain alone; eqs. S26
-and S27.
+The forms `aligned` and `continued` of docs/method.md, section 8.  Mesh refinement is exact: each control is
+repeated, so the thrust is the same function of time, and any gain is due to the solver; eqs. S26 and S27.
 """
 
 from functools import cached_property
@@ -30,12 +29,12 @@ from core.units import TU_DAYS
 
 Array = NDArray[np.float64]
 
-#: What two epochs may differ by to be one, over the length of a segment [-].
+#: Two epochs closer than this fraction of a segment count as one [-].
 SAME = 1e-9
 
 
 class Seed:
-    """A solution of P_k' and the paths that it flies.
+    """A solution of P_k' and its propagated paths.
 
     Parameters
     ----------
@@ -58,7 +57,7 @@ class Seed:
 
     @cached_property
     def reference(self) -> ReferencePath:
-        """The path flown if nothing fails."""
+        """The path without an outage."""
         return ReferencePath(self.transcription, self.x)
 
     def path(self, source: int) -> FlownPath:
@@ -113,8 +112,8 @@ def aligned(
     return np.clip(x, *box), np.array([path.state(t) for t in edges])
 
 
-def held_thrust(seed: Seed, outage: Outage, source: int, share: float) -> OutageProfile:
-    """Return what a path of the seed thrusts from the start of an outage to its end, times a share.
+def thrust_profile(seed: Seed, outage: Outage, source: int, share: float) -> OutageProfile:
+    """Return the thrust profile of a path of the seed during an outage, scaled by a fraction.
 
     Parameters
     ----------
@@ -133,7 +132,7 @@ def held_thrust(seed: Seed, outage: Outage, source: int, share: float) -> Outage
     """
     path, begin = seed.path(source), seed.reference.boundary_time(outage.segment)
     slack, end = SAME * path.segment_time, _end(seed, outage)
-    # An arc that began after the end could be left with no time by the solver, or with less.
+    # The solver could shrink an arc that began after the end to zero or negative length.
     inside = [edge for edge in path.edges if begin + slack < edge < end - slack]
     held = []
     for start, stop in pairwise([begin, *inside, end]):
@@ -157,10 +156,10 @@ def _times(path: FlownPath, over: float, box: tuple[Array, Array]) -> tuple[floa
     """Return the end of the outage, T_s and T_i [TU]: from an edge of the path to its end, inside the box."""
     least, most = (side[:3] / TU_DAYS for side in box)
     h, end = path.segment_time, path.edges[-1]
-    # The last edge is the end, and one segment at least must be left.
+    # The last edge is the end, and at least one segment must remain.
     edges = (edge for edge in path.edges[:-1] if edge >= over - SAME * h)
     start = max(next(edges, over), over)
-    # What remains may be more than the box allows: then the coast is longer.
+    # The remaining time may exceed the bounds: then the coast is longer.
     initial = np.clip(max(start, end - most[0] - SAME * h) - over, least[1], most[1])
     shooting = np.clip(max(end - over - initial, h), least[0], most[0])
     return over, float(shooting), float(initial)
@@ -170,14 +169,14 @@ def _controls(path: FlownPath, edges: Array) -> Array:
     """Return the controls (n, 3) of segments between edges, with the path's mean thrust vectors."""
     n = len(edges) - 1
     first, slack = path.n_segments - n + 1, SAME * path.segment_time
-    # Equal grids keep the angles of unlit segments, which an average would lose.
+    # Equal grids are copied: averaging would lose the angles of unlit segments.
     if first >= 1 and np.allclose(edges[[0, -1]], [path.boundary_time(first), path.edges[-1]], 0, slack):
         return path.controls[first - 1 :]
     return control_of(np.array([path.mean_throttle(a, b) for a, b in pairwise(edges)]))
 
 
 def refined_guess(problem_from: Problem, x: Array, problem_to: Problem) -> Guess:
-    """Return the flight of a seed as a guess for the same problem with more segments.
+    """Return the trajectories of a seed as a guess for the same problem on a finer mesh.
 
     A realization of N - n segments becomes one of m (N - n) + m - 1, since the segment that an outage misses
     is shorter too.  The m - 1 extra segments stay unlit: they lie in the initial coast as far as that is
@@ -209,11 +208,13 @@ def refined_guess(problem_from: Problem, x: Array, problem_to: Problem) -> Guess
     factor = check_refinement(problem_from, problem_to)
     seed = checked_vector(layout_of(problem_from), x)
     pairs = zip(layout_of(problem_from).trajectories, layout_of(problem_to).trajectories, strict=True)
-    return Guess(np.concatenate([_cut(seed[old.offset : old.stop], old, new, factor) for old, new in pairs]))
+    return Guess(
+        np.concatenate([_subdivide(seed[old.offset : old.stop], old, new, factor) for old, new in pairs])
+    )
 
 
-def _cut(part: Array, old: TrajectoryLayout, new: TrajectoryLayout, factor: int) -> Array:
-    """Return the variables of a trajectory with each segment cut in `factor`, and unlit ones added."""
+def _subdivide(part: Array, old: TrajectoryLayout, new: TrajectoryLayout, factor: int) -> Array:
+    """Return the variables of a trajectory with each segment divided into `factor`, and unlit ones added."""
     shooting, initial, final = part[:3]
     h = shooting / (factor * old.n_segments)
     extra = new.n_segments - factor * old.n_segments

@@ -49,9 +49,9 @@ def _uniform(transcription: Transcription, rng: np.random.Generator) -> Array:
 
 
 def _thrust_coast_thrust(transcription: Transcription, rng: np.random.Generator) -> Array:
-    """Draw burns along the velocity at both ends with a coast between, each half flown from its own end.
+    """Draw burns along the velocity at both ends with a coast between, each half propagated from its own end.
 
-    The times are uniform over their bounds and the final mass is what the burns leave.  Realizations fly the
+    The times are uniform over their bounds and the final mass follows from the burns.  Realizations use the
     reference's controls, as in the paper's default mapping.
     """
     x = _uniform(transcription, rng)
@@ -79,7 +79,7 @@ def _two_burns(n_segments: int, matchpoint: int, rng: np.random.Generator) -> Ar
 
 
 def _steer(transcription: Transcription, x: Array, throttles: Array, swing: Array) -> None:
-    """Write the controls of the reference, flying both halves to know the velocity."""
+    """Write the controls of the reference, propagating both halves to obtain the velocity."""
     layout = transcription.layout.reference
     shooting, initial, final = x[layout.offset : layout.offset + 3] / TU_DAYS
     h = shooting / layout.n_segments

@@ -50,7 +50,7 @@ def hop(
     """
     lower, upper = bounds
     moved = x + (upper - lower) * draw_steps(law, len(x), rng, width, shape)
-    # In-plane angles wrap; clipping them would pile guesses up at +-pi.
+    # In-plane angles wrap; clipping would accumulate guesses at +-pi.
     wraps = (upper == np.pi) & (lower == -np.pi)
     moved[wraps] = (moved[wraps] + np.pi) % (2.0 * np.pi) - np.pi
     return np.clip(moved, lower, upper)
@@ -59,7 +59,7 @@ def hop(
 def hop_times(
     x: Array, bounds: tuple[Array, Array], times: Indices, probability: float, rng: np.random.Generator
 ) -> Array:
-    """Return a decision vector in which each time has been drawn afresh from its bounds, or kept.
+    """Return a decision vector in which each time is redrawn from its bounds with a given probability.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def hop_times(
     times : (n_times,) array
         Indices of the times in x.
     probability : float
-        Chance of each time to be drawn afresh [-].
+        Probability that each time is redrawn [-].
     rng : Generator
         Source of the numbers.
 
@@ -87,7 +87,7 @@ def hop_times(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Incumbent:
-    """What a chain hops from, and what a challenger has to beat."""
+    """The best outcome since the last draw: a chain hops from it, and the next has to improve on it."""
 
     #: (n_variables,) decision vector [days, rad, kg].
     x: Array
@@ -98,28 +98,28 @@ class Incumbent:
 
     @property
     def is_feasible(self) -> bool:
-        """Whether every defect is within the strict tolerance, as of the outcome that it was."""
+        """Whether every defect of the outcome is within the strict tolerance."""
         return self.violation <= 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChainState:
-    """Where a chain stands between two hops: all that the next depends on besides its generator."""
+    """The state of a chain between two hops: all that the next depends on besides its generator."""
 
     incumbent: Incumbent | None = None
-    #: Hops in a row that have failed [-].
+    #: Consecutive failed hops [-].
     failures: int = 0
     #: Scale of the next hop [-]; None for that of the start.
     width: float | None = None
 
 
 def is_better(challenger: Outcome, incumbent: Outcome | Incumbent | None) -> bool:
-    """Return whether an outcome beats another: feasible first, then violation, then final mass."""
+    """Return whether an outcome is better than another: feasible first, then violation, then final mass."""
     return incumbent is None or _rank(challenger) > _rank(incumbent)
 
 
 def _rank(outcome: Outcome | Incumbent) -> tuple[bool, float]:
-    """Return what outcomes are ordered by; what is not a number comes last of its kind."""
+    """Return the sort key of outcomes; NaN comes last of its kind."""
     worth = outcome.objective if outcome.is_feasible else -outcome.violation
     return bool(outcome.is_feasible), -np.inf if np.isnan(worth) else worth
 
@@ -130,7 +130,7 @@ def _time_indices(transcription: Transcription) -> Indices:
 
 
 class Chain:
-    """The hops that follow from one start.
+    """The hops from one start.
 
     Parameters
     ----------
@@ -159,18 +159,18 @@ class Chain:
 
     @property
     def state(self) -> ChainState:
-        """Where it stands; a chain that goes on there makes the same hops."""
+        """Its state; a chain that resumes from it makes the same hops."""
         best = self.incumbent
         kept = None if best is None else Incumbent(best.x, best.objective, best.violation)
         return ChainState(kept, self.failures, self.width)
 
     @property
     def is_hopping(self) -> bool:
-        """Whether there is something to hop from: an outcome that could at least be flown."""
+        """Whether there is an outcome to hop from, one that could at least be propagated."""
         return self.incumbent is not None and bool(np.isfinite(self.incumbent.violation))
 
     def ask(self, rng: np.random.Generator) -> Array:
-        """Return the next guess (n_variables,): a fresh draw, or a hop from the incumbent."""
+        """Return the next guess (n_variables,): a new draw, or a hop from the incumbent."""
         settings, box = self.settings, self.transcription.sampling_box
         if self.incumbent is None or not self.is_hopping:
             return sample_guess(self.transcription, rng, settings.guess_law)

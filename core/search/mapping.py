@@ -1,9 +1,8 @@
 """Mappings M: from a seed, a solution of P_k', to a guess for P_k.
 
-`reference` is the paper's: a realization flies the controls that the seed's reference, or one of its
-realizations, has left.  `aligned` and `continued` are ours: the realization starts on the path of its source
-at the same epochs, so that all its defects vanish but the impulse of the missed segments.
-docs/method.md, section 8.
+`reference` is the paper's: a realization uses the remaining controls of the seed's reference, or of one of
+its realizations.  `aligned` and `continued` are ours: the realization starts on the path of its source at the
+same epochs, so that its only defect is the impulse of the missed segments. docs/method.md, section 8.
 """
 
 from collections.abc import Mapping
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.problem import Outage, Problem
-from core.search.alignment import Seed, aligned, held_thrust, refined_guess
+from core.search.alignment import Seed, aligned, refined_guess, thrust_profile
 from core.search.settings import REFINED, assignment_of, default_sources
 from core.transcription import (
     Guess,
@@ -39,8 +38,8 @@ def map_seed(problem_from: Problem, x: Array, problem_to: Problem, mapping: str 
     problem_to : Problem
         Problem P_k.
     mapping : str
-        A text that stands for one concrete mapping, see `core.search.expand_mapping`; "continued" starts
-        where "aligned" does, and "refined" is the same flight in more segments.
+        Text of one concrete mapping, see `core.search.expand_mapping`; "continued" starts
+        where "aligned" does, and "refined" is the same trajectories on a finer mesh.
 
     Returns
     -------
@@ -50,7 +49,7 @@ def map_seed(problem_from: Problem, x: Array, problem_to: Problem, mapping: str 
     Raises
     ------
     ValueError
-        When the text is no mapping or stands for several, the problems are not a family with k' < k or with
+        When the text is not a mapping or denotes several, the problems are not a family with k' < k or with
         shorter outages, or x is no vector of P_k'.
     """
     if mapping == REFINED:
@@ -59,7 +58,7 @@ def map_seed(problem_from: Problem, x: Array, problem_to: Problem, mapping: str 
     seed, target = Seed(problem_from, x), transcribe(problem_to)
     realizations = zip(target.layout.trajectories[1:], assignment.sources, strict=True)
     if assignment.form == "reference":
-        parts = [_resumed(target, own, seed, source) for own, source in realizations]
+        parts = [_resume(target, own, seed, source) for own, source in realizations]
         return Guess(np.concatenate([seed.part(0), *parts]))
     laid = [aligned(target, own, seed, source) for own, source in realizations]
     states = (seed.reference.boundaries, *(path for _, path in laid))
@@ -73,7 +72,7 @@ def outage_profiles(
     depth: float,
     sources: Mapping[Outage, int] | None = None,
 ) -> tuple[OutageProfile, ...]:
-    """Return what is still flown during the outages at a depth of them between 0 and 1.
+    """Return the thrust that remains during the outages at a depth between 0 and 1.
 
     Parameters
     ----------
@@ -82,7 +81,7 @@ def outage_profiles(
     x : (n_variables,) array
         The seed [days, rad, kg].
     depth : float
-        At 0 the thrust of the seed's path holds on; at 1 there is none [-].
+        0 keeps the thrust of the seed's path, 1 removes it [-].
     sources : mapping
         From each outage to the number of the seed's realization whose path it is, 0 for the reference; None:
         the defaults of "continued".
@@ -95,20 +94,20 @@ def outage_profiles(
     if sources is None:
         defaults = default_sources("continued", problem_from, problem_to)
         sources = dict(zip(problem_to.outages, defaults, strict=True))
-    return tuple(held_thrust(seed, outage, sources[outage], 1.0 - depth) for outage in problem_to.outages)
+    return tuple(thrust_profile(seed, outage, sources[outage], 1.0 - depth) for outage in problem_to.outages)
 
 
 def onto_realizations(transcription: Transcription, reference: Array) -> Array:
     """Return x of a reference (3N + 4,) and, as realizations, its controls after the missed segments."""
     first, *others = transcription.layout.trajectories
-    parts = [_shortened(transcription, own, reference, first) for own in others]
+    parts = [_shorten(transcription, own, reference, first) for own in others]
     return np.concatenate([reference, *parts])
 
 
-def _resumed(target: Transcription, own: TrajectoryLayout, seed: Seed, source: int) -> Array:
-    """Return the variables of a realization that flies what its source has left of its controls."""
+def _resume(target: Transcription, own: TrajectoryLayout, seed: Seed, source: int) -> Array:
+    """Return the variables of a realization that uses the remaining controls of its source."""
     old, part = seed.layout.trajectories[source], seed.part(source)
-    x = _shortened(target, own, part, old)
+    x = _shorten(target, own, part, old)
     assert own.outage is not None
     if old.outage is not None and old.outage.segment == own.outage.segment:
         coast = part[1] - (own.outage.duration_days - old.outage.duration_days)
@@ -116,8 +115,8 @@ def _resumed(target: Transcription, own: TrajectoryLayout, seed: Seed, source: i
     return x
 
 
-def _shortened(target: Transcription, own: TrajectoryLayout, part: Array, old: TrajectoryLayout) -> Array:
-    """Return a realization's variables: the last share of a trajectory's time and controls."""
+def _shorten(target: Transcription, own: TrajectoryLayout, part: Array, old: TrajectoryLayout) -> Array:
+    """Return a realization's variables: the last fraction of a trajectory's time and controls."""
     assert own.outage is not None
     n_segments = target.problem.n_segments
     left = n_segments - own.outage.segment

@@ -1,8 +1,7 @@
-"""Recoveries from outages with the reference frozen, and seeds solved through shallower outages.
+"""Recoveries from outages with a frozen reference, and continuation of seeds in the depth of the outages.
 
-Nothing but the outage ties a realization to a reference that may not move, so each is a transfer of its own:
-it begins with the reference's state as the thruster stops, coasts for at least the outage, and arrives with
-the most mass it can.  docs/missed-thrust.md.
+With a frozen reference each recovery is an independent transfer: it starts from the state of the reference
+when thrust stops, coasts for at least the outage, and arrives with the greatest mass.  docs/missed-thrust.md.
 """
 
 import numpy as np
@@ -40,7 +39,7 @@ def solve_recovery(
     n_legs: int = DEFAULT_LEGS,
     tolerance: float = TOLERANCE,
 ) -> Outcome:
-    """Fly a seed's reference as it is, and recover from each outage of P_k with the least propellant.
+    """Freeze a seed's reference, and recover from each outage of P_k with the least propellant.
 
     Parameters
     ----------
@@ -51,8 +50,7 @@ def solve_recovery(
     problem_to : Problem
         Problem P_k, of the same family and with more outages, or with longer ones.
     mapping : str
-        A text that stands for one concrete mapping, see `core.search.expand_mapping`: where each recovery
-        starts from.
+        Text of one concrete mapping, see `core.search.expand_mapping`: it gives the guess of each recovery.
     settings : SolveSettings
         Limits of each recovery; the defaults if None.
     stop : callable
@@ -70,7 +68,7 @@ def solve_recovery(
     Raises
     ------
     ValueError
-        When the mapping is unknown or stands for several, or the problems do not fit each other.
+        When the mapping is unknown or denotes several, or the problems do not fit each other.
 
     References
     ----------
@@ -83,9 +81,9 @@ def solve_recovery(
     found, status = guess.x.copy(), ExitStatus.OPTIMAL
     for own, flown in zip(target.layout.trajectories[1:], states[1:], strict=True):
         part = recovery(target, path, own)
-        start = _entering(own, guess.x[own.offset : own.stop])
+        start = _to_recovery(own, guess.x[own.offset : own.stop])
         outcome = solve(part, Guess(start, (flown,)), settings, stop)
-        found[own.offset : own.stop] = _leaving(target, own, outcome.x)
+        found[own.offset : own.stop] = _to_realization(target, own, outcome.x)
         limits.iterations += outcome.n_iterations
         limits.evaluations += outcome.n_evaluations
         status = status if outcome.status is ExitStatus.OPTIMAL else outcome.status
@@ -93,7 +91,7 @@ def solve_recovery(
 
 
 def recovery(transcription: Transcription, path: ReferencePath, own: TrajectoryLayout) -> Transcription:
-    """Return a realization's recovery as a transfer of its own, whose initial coast holds the outage.
+    """Return a realization's recovery as an independent transfer, whose initial coast contains the outage.
 
     Parameters
     ----------
@@ -105,15 +103,15 @@ def recovery(transcription: Transcription, path: ReferencePath, own: TrajectoryL
         Where the realization stands in P_k.
     """
     problem, outage = transcription.problem, _outage(own)
-    left = _left(problem, outage, own.n_segments)
+    left = _remaining_problem(problem, outage, own.n_segments)
     state = path.boundaries[outage.segment - 1]
     start = Start(problem, path.boundary_time(outage.segment), state)
     n_legs = max(2, round(transcription.n_legs * own.n_segments / problem.n_segments))
     return transcribe(left, n_legs, transcription.tolerance, start=start)
 
 
-def _left(problem: Problem, outage: Outage, n_segments: int) -> Problem:
-    """Return the problem that is left as an outage begins, with the bounds of a realization of P_k."""
+def _remaining_problem(problem: Problem, outage: Outage, n_segments: int) -> Problem:
+    """Return the problem that remains when an outage begins, with the bounds of a realization of P_k."""
     box, share = problem.bounds, (problem.n_segments - outage.segment) / problem.n_segments
     shooting = tuple(share * side for side in box.shooting_days)
     initial = tuple(outage.duration_days + side for side in box.initial_coast_days)
@@ -121,19 +119,19 @@ def _left(problem: Problem, outage: Outage, n_segments: int) -> Problem:
     return problem.model_copy(update={"n_segments": n_segments, "bounds": bounds, "outages": ()})
 
 
-def _entering(own: TrajectoryLayout, part: Array) -> Array:
-    """Return a realization's variables as those of its recovery."""
+def _to_recovery(own: TrajectoryLayout, part: Array) -> Array:
+    """Return a realization's variables as those of its recovery: the initial coast includes the outage."""
     x = part.copy()
     x[own.initial_coast - own.offset] += _outage(own).duration_days
     return x
 
 
-def _leaving(transcription: Transcription, own: TrajectoryLayout, x: Array) -> Array:
+def _to_realization(transcription: Transcription, own: TrajectoryLayout, x: Array) -> Array:
     """Return a recovery's variables as those of its realization."""
     part = x.copy()
     part[own.initial_coast - own.offset] -= _outage(own).duration_days
     lower, upper = (side[own.offset : own.stop] for side in transcription.bounds)
-    # The difference may round to just below no coast at all.
+    # Rounding may make the difference slightly negative.
     return np.clip(part, lower, upper)
 
 
@@ -161,12 +159,12 @@ def solve_seed(
     x : (n_variables,) array
         The seed [days, rad, kg].
     problem_to : Problem
-        Problem P_k, of the same family and with more outages, or with longer ones; or P_k' in more segments.
+        Problem P_k, of the same family and with more outages, or with longer ones; or P_k' on a finer mesh.
     mapping : str
-        A text that stands for one concrete mapping, see `core.search.expand_mapping`; "continued" deepens the
+        Text of one concrete mapping, see `core.search.expand_mapping`; "continued" deepens the
         outages from none, or from the shorter ones of the seed, to full.
     settings : SolveSettings
-        Limits of all the work together; the defaults if None.
+        Limits of the whole solve; the defaults if None.
     stop : callable
         Asked once per iteration; true ends the solve.
     n_legs : int
@@ -182,7 +180,7 @@ def solve_seed(
     Raises
     ------
     ValueError
-        When the mapping is unknown or stands for several, or the problems do not fit each other.
+        When the mapping is unknown or denotes several, or the problems do not fit each other.
 
     References
     ----------

@@ -1,14 +1,14 @@
-"""What a search is told: laws of guesses and hops, mappings of seeds, and where a hop stands.
+"""Settings of a search: guess and hop distributions, mappings of seeds, and the address of a hop.
 
-Nothing here is compiled or flies an arc, so a specification is read without the numerics.
+Nothing here is compiled or propagates an arc, so reading a specification does not import the numerics.
 
 Hops: a step r is in units of the width of its component's bounds, its components independent and identically
 distributed.  Every law is symmetric about zero and has one scale: r = width * (a step of width 1).
 docs/method.md, section 7, eqs. S10 to S15.
 
-Mappings: text as users write it and records keep it, and the concrete assignments that it stands for.
-`reference` alone is the paper's default, `aligned(0,2)` names a source for each realization, and `all` stands
-for many mappings at once.  docs/method.md, section 8.
+Mappings: the text in specifications and records, and the concrete assignments that it denotes.
+`reference` alone is the paper's default, `aligned(0,2)` names a source for each realization, and `all`
+denotes many mappings at once.  docs/method.md, section 8.
 """
 
 import itertools
@@ -30,8 +30,8 @@ GUESS_LAWS = ("uniform", "thrust-coast-thrust")
 
 #: Least and greatest shape of a law.  Below the least, steps would overflow: (2^53)^(1/0.1) is still finite.
 SHAPES = (0.1, 10.0)
-#: Where the tails are cut, in widths of the bounds.  Any other component has long reached its bound, and an
-#: in-plane angle still keeps 1e-9 rad of its place after so many turns.
+#: Truncation of the tails, in widths of the bounds.  Any other component is at its bound long before, and an
+#: in-plane angle is still accurate to 1e-9 rad after so many turns.
 LONGEST_STEP = 1e6
 
 
@@ -109,7 +109,7 @@ def draw_steps(
     return np.clip(steps, -LONGEST_STEP, LONGEST_STEP)
 
 
-#: How fast an adaptive width learns, and the share of successes at which it stands still [-]; eq. S14.
+#: Learning rate of an adaptive width, and the success rate at which it is constant [-]; eq. S14.
 LEARNING_RATE, SUCCESS_SHARE = 0.3, 0.05
 #: Least and greatest reach of an adaptive law [-]; eq. S15.
 REACHES = (1e-4, 0.5)
@@ -135,13 +135,13 @@ class HopSettings:
     hop_shape: Annotated[float, Field(ge=SHAPES[0], le=SHAPES[1], allow_inf_nan=False)] | None = None
     #: Whether the width follows the chain's own successes.
     adaptive: bool = False
-    #: Chance of each time to be drawn afresh in a hop [-].
+    #: Probability that a hop redraws a time [-].
     time_hop_probability: Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)] = 0.0
-    #: Hops in a row that may fail before the chain starts afresh [-].
+    #: Consecutive failed hops before the chain restarts from a new draw [-].
     max_failures: Annotated[int, Field(ge=1)] = 5
 
     def __post_init__(self) -> None:
-        """Refuse what no chain can do."""
+        """Check the ranges of the settings."""
         for name, laws in (("guess_law", GUESS_LAWS), ("hop_law", HOP_LAWS)):
             if getattr(self, name) not in laws:
                 raise ValueError(f"{name}: expected one of {', '.join(laws)}, got {getattr(self, name)!r}")
@@ -181,7 +181,7 @@ class HopSettings:
     @property
     def width_range(self) -> tuple[float, float]:
         """Least and greatest width of an adaptive law [-], eq. S15."""
-        # A minimum says little of a heavy tail; the step that 99 in 100 components keep within says more.
+        # The 99th percentile of a step describes a heavy tail better than its scale.
         reach = 1.0 if self.shape is None else 100.0 ** (1.0 / self.shape)
         return REACHES[0] / reach, REACHES[1] / reach
 
@@ -192,7 +192,7 @@ class HopSettings:
 
 
 class HopAddress(NamedTuple):
-    """The place of one hop: integers only, no worker, attempt or time."""
+    """The address of one hop: integers only, no worker, attempt or time."""
 
     #: 0 for a hop job, 1 for a map job.
     kind: int
@@ -221,10 +221,10 @@ def hop_rng(rng_seed: int, address: HopAddress) -> np.random.Generator:
 #: The forms of a mapping by name.
 MAPPINGS = ("reference", "aligned", "continued")
 
-#: The most guesses that one text may make of a seed.
+#: Most guesses that one text may give for a seed.
 EXPANSION_LIMIT = 10_000
 
-#: Sources that are no list of numbers.
+#: Sources other than a list of numbers.
 _EVERY, _NEAREST = "all", "nearest"
 
 _NUMBER = "(?:0|[1-9][0-9]{0,3})"
@@ -242,7 +242,7 @@ class Assignment:
 
 
 def check_mapping(mapping: str) -> None:
-    """Refuse a text that is no mapping, whatever the problems.
+    """Raise ValueError unless a text is a mapping, whatever the problems.
 
     Parameters
     ----------
@@ -256,11 +256,11 @@ def check_mapping(mapping: str) -> None:
         When it is none of these.
     """
     if mapping != REFINED:
-        _parsed(mapping)
+        _parse(mapping)
 
 
 def expand_mapping(mapping: str, problem_from: Problem, problem_to: Problem) -> tuple[str, ...]:
-    """Return the concrete mappings that a text stands for, each in the one way in which it is written.
+    """Return the concrete mappings that a text denotes, each in its canonical form.
 
     Parameters
     ----------
@@ -318,7 +318,7 @@ def default_sources(form: str, problem_from: Problem, problem_to: Problem) -> tu
 
 
 def check_family(problem_from: Problem, problem_to: Problem) -> None:
-    """Refuse problems of which one gives no seeds for the other, with the reason.
+    """Raise ValueError with the reason if solutions of one problem cannot be seeds for the other.
 
     P_k' has the same reference problem as P_k, and fewer outages; or as many in the same segments, of which
     none is longer and one is shorter.
@@ -334,7 +334,7 @@ def check_family(problem_from: Problem, problem_to: Problem) -> None:
 
 
 def _check_deepening(problem_from: Problem, problem_to: Problem) -> None:
-    """Refuse problems with as many outages, unless those of P_k outlast those of P_k'."""
+    """Raise ValueError for equally many outages, unless those of P_k are longer than those of P_k'."""
     if problem_from.outages == problem_to.outages:
         raise ValueError(f"seed: expected fewer or shorter outages, got the very same {problem_from.k}")
     segments, wanted = ([o.segment for o in problem.outages] for problem in (problem_from, problem_to))
@@ -350,7 +350,7 @@ def _check_deepening(problem_from: Problem, problem_to: Problem) -> None:
             )
 
 
-def _parsed(mapping: str) -> tuple[str, str | tuple[int, ...] | None]:
+def _parse(mapping: str) -> tuple[str, str | tuple[int, ...] | None]:
     """Return form and sources of a text; None where it names no sources."""
     if mapping in (_EVERY, _NEAREST):
         return MAPPINGS[0], mapping
@@ -367,7 +367,7 @@ def _parsed(mapping: str) -> tuple[str, str | tuple[int, ...] | None]:
 
 
 def _assignments(mapping: str, problem_from: Problem, problem_to: Problem) -> list[Assignment]:
-    form, sources = _parsed(mapping)
+    form, sources = _parse(mapping)
     check_family(problem_from, problem_to)
     if sources is None:
         found = [default_sources(form, problem_from, problem_to)]
@@ -384,7 +384,7 @@ def _assignments(mapping: str, problem_from: Problem, problem_to: Problem) -> li
 
 def _all_sources(mapping: str, k_from: int, k: int) -> list[tuple[int, ...]]:
     """Return the seed's reference for all, then every choice among its realizations, eq. S20."""
-    # Compared by digits first: the power itself may not fit into memory.
+    # Digits are compared first: the power itself may not fit into memory.
     if k_from > 1 and (k > EXPANSION_LIMIT.bit_length() or k_from**k + 1 > EXPANSION_LIMIT):
         raise ValueError(
             f"mapping: expected at most {EXPANSION_LIMIT} guesses of a seed, got {mapping!r}, which makes "
@@ -424,7 +424,7 @@ REFINED = "refined"
 
 
 def refined_problem(problem: Problem, n_segments: int) -> Problem:
-    """Return a problem with more segments, its outages at the same times.
+    """Return a problem on a finer mesh, with its outages at the same times.
 
     Parameters
     ----------
@@ -448,7 +448,7 @@ def refined_problem(problem: Problem, n_segments: int) -> Problem:
 
 
 def refined_outage(factor: int, outage: Outage) -> Outage:
-    """Return an outage that begins at the same time where each segment was cut in `factor` [-]."""
+    """Return an outage that begins at the same time after each segment was divided into `factor` [-]."""
     return Outage(segment=factor * (outage.segment - 1) + 1, duration_days=outage.duration_days)
 
 

@@ -13,16 +13,12 @@ variables.  Only the lower triangles count, apart from the first seven rows and 
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from core.transcription.layout import CONTROL, STATE
-
-if TYPE_CHECKING:
-    pass
-
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

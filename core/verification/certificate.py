@@ -1,8 +1,8 @@
-"""What a solution can be trusted with: flown again in halves and through, past which bodies, on what mass.
+"""Certification of a solution: re-propagation in halves and end to end, closest approaches, mass budget.
 
-What flows in: a problem, its decision vector, and how low a trajectory may pass.  What flows out: plain
-numbers, the same for the same solution on the same machine; who asked, when, and with which packages is
-added by those who store it.
+Input: a problem, its decision vector, and the least altitude allowed.  Output: plain numbers, the same for
+the same solution on the same machine; whoever stores them adds the time, the requester and the package
+versions.
 """
 
 import math
@@ -15,11 +15,11 @@ from core.ephemeris.kernels import one_at_a_time
 from core.problem import Outage, Problem
 from core.tolerances import STRICT
 from core.verification.closest_approach import Approach, Closest
-from core.verification.end_to_end import Third, Through, fly_through
+from core.verification.end_to_end import CrossCheck, EndToEnd, propagate_end_to_end
 from core.verification.repropagation import Array, Pilot, Plan, departure_of, pilot_of, plans_of
-from core.verification.verify import Verification, judged, loaded_target
+from core.verification.verify import Verification, load_target, verification_of
 
-#: Lowest passages that are not marked where nobody asks for others [km].
+#: Least altitudes allowed by default [km].
 LOWEST_KM = {"Earth": LOWEST_OVER_EARTH_KM, "Moon": LOWEST_OVER_MOON_KM}
 
 
@@ -33,43 +33,43 @@ class MassBudget(NamedTuple):
     spiral: float
     before_outage: float
     segments: float
-    #: Found by the flight, as against the m_f of the decision vector.
+    #: From the propagation, and the m_f of the decision vector.
     arrival: float
     stated_arrival: float
-    #: What is left above the dry mass; may be negative.
+    #: What remains above the dry mass; may be negative.
     spare: float
 
 
-class Mark(NamedTuple):
-    """A passage that is too low."""
+class LowPassage(NamedTuple):
+    """A closest approach below the least altitude allowed."""
 
     #: 0 for the reference.
     trajectory: int
     approach: Approach
-    #: How low it may be [km].
+    #: Least altitude allowed [km].
     limit_km: float
 
 
-class Lack(NamedTuple):
+class MassShortfall(NamedTuple):
     """An arrival with less mass than the spacecraft has without propellant."""
 
     #: 0 for the reference.
     trajectory: int
-    #: What arrives, and what has to [kg].
+    #: Mass at arrival, and the least allowed [kg].
     mass_kg: float
     least_kg: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Repropagation:
-    """One trajectory of a solution as an independent flight finds it."""
+    """One trajectory of a solution as independently propagated."""
 
     #: None for the reference.
     outage: Outage | None
-    #: Closest approaches as planned, in halves, and flown through.
+    #: Closest approaches when propagated in halves, and end to end.
     closest: tuple[Approach, ...]
     closest_through: tuple[Approach, ...]
-    through: Through
+    through: EndToEnd
     mass: MassBudget
 
 
@@ -79,12 +79,12 @@ class Certification:
 
     verification: Verification
     trajectories: tuple[Repropagation, ...]
-    #: How low a trajectory may pass each body [km].
+    #: Least altitude allowed over each body [km].
     min_altitudes_km: Mapping[str, float]
-    marks: tuple[Mark, ...]
-    lacks: tuple[Lack, ...]
-    #: None where nobody asked for it.
-    third: Third | None = None
+    marks: tuple[LowPassage, ...]
+    lacks: tuple[MassShortfall, ...]
+    #: None if it was not requested.
+    third: CrossCheck | None = None
 
     @property
     def level(self) -> Literal["strict", "paper", "none"]:
@@ -94,17 +94,17 @@ class Certification:
 
     @property
     def is_sound(self) -> bool:
-        """Whether the defects hold, at least at the paper's tolerance, and no passage or mass is too low."""
+        """Whether the defects are within the loose tolerance, and no closest approach or mass is too low."""
         return self.level != "none" and not self.marks and not self.lacks
 
 
 def lowest_passages(min_altitude_km: float | None = None) -> Mapping[str, float]:
-    """Return how low each body may be passed [km]: as asked, or 200 km for the Earth and 100 for the Moon.
+    """Return the least altitude allowed over Earth and Moon [km]: as given, or 200 and 100.
 
     Raises
     ------
     ValueError
-        When an altitude below the surface is asked for, or what is no number.
+        When the altitude is negative or not a finite number.
     """
     if min_altitude_km is None:
         return LOWEST_KM
@@ -119,7 +119,7 @@ def lowest_passages(min_altitude_km: float | None = None) -> Mapping[str, float]
 def certify(
     problem: Problem, x: Array, min_altitude_km: float | None = None, with_heyoka: bool = False
 ) -> Certification:
-    """Fly a solution again, in halves and through, and take stock.
+    """Re-propagate a solution in halves and end to end, with closest approaches and mass budgets.
 
     Parameters
     ----------
@@ -128,16 +128,16 @@ def certify(
     x : (n_variables,) array
         Decision vector [days, rad, kg], as for `verify`.
     min_altitude_km : float, optional
-        Lowest passage of the Earth or the Moon that is not marked [km]; None for 200 km over the Earth and
-        100 km over the Moon.
+        Least altitude allowed over the Earth and the Moon [km]; None for 200 km over the Earth and 100 km
+        over the Moon.
     with_heyoka : bool
-        Whether it is flown through a third time, by heyoka, which has to be installed.
+        Whether to cross-check the end-to-end propagation with heyoka, which has to be installed.
 
     Returns
     -------
     Certification
-        The verdict, and for each trajectory its closest approaches [km], how far from the target it arrives
-        if nothing is corrected [km, km/s], and its masses [kg].
+        The verdict, and for each trajectory its closest approaches [km], its distance from the target at
+        arrival when propagated end to end [km, km/s], and its masses [kg].
 
     Raises
     ------
@@ -149,10 +149,10 @@ def certify(
     docs/verification.md.
     """
     limits = lowest_passages(min_altitude_km)
-    plans, (kernel, naif_id), pilot = plans_of(problem, x), loaded_target(problem), pilot_of(problem)
-    verification = judged(problem, plans, kernel, naif_id)
+    plans, (kernel, naif_id), pilot = plans_of(problem, x), load_target(problem), pilot_of(problem)
+    verification = verification_of(problem, plans, kernel, naif_id)
     through = [Closest(pilot) for _ in plans]
-    flown_through = fly_through(pilot, problem, plans, naif_id, through)
+    flown_through = propagate_end_to_end(pilot, problem, plans, naif_id, through)
     trajectories = tuple(
         Repropagation(
             outage=problem.outages[i - 1] if i else None,
@@ -167,43 +167,47 @@ def certify(
         verification=verification,
         trajectories=trajectories,
         min_altitudes_km=limits,
-        marks=_too_low(trajectories, limits),
-        lacks=_too_light(problem, trajectories),
-        third=_third(problem, plans, naif_id, verification) if with_heyoka else None,
+        marks=_low_passages(trajectories, limits),
+        lacks=_mass_shortfalls(problem, trajectories),
+        third=_cross_check(problem, plans, naif_id, verification) if with_heyoka else None,
     )
 
 
-def _third(problem: Problem, plans: list[Plan], naif_id: int, found: Verification) -> Third:
-    # Few install the package that it needs.
-    from core.verification.heyoka_check import fly_third
+def _cross_check(problem: Problem, plans: list[Plan], naif_id: int, found: Verification) -> CrossCheck:
+    # heyoka is an optional dependency.
+    from core.verification.heyoka_check import cross_check
 
-    return fly_third(problem, plans, naif_id, float(found.arrival_et.max()))
+    return cross_check(problem, plans, naif_id, float(found.arrival_et.max()))
 
 
-def _too_low(trajectories: tuple[Repropagation, ...], limits: Mapping[str, float]) -> tuple[Mark, ...]:
+def _low_passages(
+    trajectories: tuple[Repropagation, ...], limits: Mapping[str, float]
+) -> tuple[LowPassage, ...]:
     return tuple(
-        Mark(index, approach, limits[approach.body])
+        LowPassage(index, approach, limits[approach.body])
         for index, flown in enumerate(trajectories)
         for approach in flown.closest
         if not approach.altitude_km >= limits[approach.body]
     )
 
 
-def _too_light(problem: Problem, trajectories: tuple[Repropagation, ...]) -> tuple[Lack, ...]:
+def _mass_shortfalls(problem: Problem, trajectories: tuple[Repropagation, ...]) -> tuple[MassShortfall, ...]:
     least = problem.least_final_mass_kg
     arriving = [min(flown.mass.arrival, flown.mass.stated_arrival) for flown in trajectories]
-    # The mass may be off by as much as a defect may.
+    # The mass has the tolerance of a defect.
     return tuple(
-        Lack(index, mass, least) for index, mass in enumerate(arriving) if not mass >= least - STRICT.mass_kg
+        MassShortfall(index, mass, least)
+        for index, mass in enumerate(arriving)
+        if not mass >= least - STRICT.mass_kg
     )
 
 
 def _mass(problem: Problem, pilot: Pilot, plans: list[Plan], index: int) -> MassBudget:
-    """Return the masses of a trajectory, by the flow of each of its segments."""
+    """Return the masses of a trajectory, from the mass flow of each segment."""
     wet, departure = problem.spacecraft.wet_mass_kg, float(departure_of(problem)[1][6])
     outage = problem.outages[index - 1] if index else None
-    before = _used(pilot, plans[0], outage.segment - 1) if outage else 0.0
-    used = _used(pilot, plans[index], len(plans[index].controls))
+    before = _propellant(pilot, plans[0], outage.segment - 1) if outage else 0.0
+    used = _propellant(pilot, plans[index], len(plans[index].controls))
     arrival = departure - before - used
     return MassBudget(
         wet=wet,
@@ -217,5 +221,5 @@ def _mass(problem: Problem, pilot: Pilot, plans: list[Plan], index: int) -> Mass
     )
 
 
-def _used(pilot: Pilot, plan: Plan, n_segments: int) -> float:
+def _propellant(pilot: Pilot, plan: Plan, n_segments: int) -> float:
     return sum(pilot.thrust(control)[3] * plan.segment_duration for control in plan.controls[:n_segments])

@@ -1,4 +1,4 @@
-"""How close a flight comes to the Earth and to the Moon, between the integrator's steps too.
+"""Closest approaches to the Earth and the Moon, found between the integrator's steps too.
 
 Where the range rate passes from below zero to above, the distance has its least value; the root is found on
 the integrator's own interpolant, so a passage between two steps is not missed.  Units: km, km/s, s past the
@@ -13,14 +13,14 @@ import scipy
 from core.constants import RADIUS_EARTH_KM, RADIUS_MOON_KM, SECONDS_PER_DAY
 from core.verification.repropagation import EARTH, MOON, Array, Pilot
 
-#: Name and radius [km] of the bodies that are watched, by NAIF id.
+#: Name and radius [km] of the bodies concerned, by NAIF id.
 WATCHED = {EARTH: ("Earth", RADIUS_EARTH_KM), MOON: ("Moon", RADIUS_MOON_KM)}
-#: What the time of a root may be off by [s].
+#: Tolerance on the time of a root [s].
 TIME_TOLERANCE_S = 1e-6
 
 
 class Approach(NamedTuple):
-    """The least distance of a flight from a body."""
+    """The least distance of a trajectory from a body."""
 
     body: str
     #: From the centre, and above the mean equatorial radius [km].
@@ -29,23 +29,23 @@ class Approach(NamedTuple):
     #: Epoch [TDB s past J2000] and the same in days past the departure.
     et: float
     days: float
-    #: Whether the range rate passes through zero there; else a half of the flight begins or ends there.
+    #: Whether the range rate passes through zero there; else a half of the trajectory begins or ends there.
     is_turn: bool
 
 
 class Closest:
-    """Follows the steps of a pilot and keeps the closest approach to each body."""
+    """Observes the steps of an integration and keeps the closest approach to each body."""
 
     def __init__(self, pilot: Pilot) -> None:
         self._pilot = pilot
         self._found: dict[int, tuple[float, float, bool]] = {}
 
     def __call__(self, solver: "scipy.integrate.DOP853") -> None:
-        """Look at the step that an integrator has just made."""
+        """Process the step that an integrator has just made."""
         ends = ((float(solver.t_old), solver.y_old), (float(solver.t), solver.y))
         (start, first), (stop, last) = sorted(ends, key=lambda end: end[0])
         for body in WATCHED:
-            before, after = self._seen_from(body, start, first), self._seen_from(body, stop, last)
+            before, after = self._relative_state(body, start, first), self._relative_state(body, stop, last)
             self._keep(body, start, before, is_turn=False)
             self._keep(body, stop, after, is_turn=False)
             # A step spans less than a tenth of a revolution, in which the distance has one minimum at most.
@@ -55,7 +55,7 @@ class Closest:
 
     @property
     def approaches(self) -> tuple[Approach, ...]:
-        """The closest approach to each body, as far as there was a flight."""
+        """The closest approach to each body, as far as the trajectory was propagated."""
         origin = self._pilot.origin_et
         return tuple(
             Approach(name, distance, distance - radius, origin + time, time / SECONDS_PER_DAY, is_turn)
@@ -66,17 +66,17 @@ class Closest:
 
     def _keep_turn(self, path: "scipy.integrate.DenseOutput", body: int, before: float, after: float) -> None:
         def rate(time: float) -> float:
-            return _range_rate(self._seen_from(body, time, path(time)))
+            return _range_rate(self._relative_state(body, time, path(time)))
 
         root = float(scipy.optimize.brentq(rate, before, after, xtol=TIME_TOLERANCE_S))
-        self._keep(body, root, self._seen_from(body, root, path(root)), is_turn=True)
+        self._keep(body, root, self._relative_state(body, root, path(root)), is_turn=True)
 
     def _keep(self, body: int, time: float, state: Array, is_turn: bool) -> None:
         distance = float(np.linalg.norm(state[:3]))
         if body not in self._found or distance < self._found[body][0]:
             self._found[body] = (distance, time, is_turn)
 
-    def _seen_from(self, body: int, time: float, state: Array) -> Array:
+    def _relative_state(self, body: int, time: float, state: Array) -> Array:
         return state if body == EARTH else state - np.array(self._pilot.state_of(body, time))
 
 

@@ -1,10 +1,10 @@
-"""A third propagation of a solution: heyoka's Taylor series on the Chebyshev segments of DE440 themselves.
+"""Cross-check of the end-to-end propagation by heyoka's Taylor series, on the Chebyshev records of DE440.
 
-The equations of motion are written once more, as expressions that heyoka differentiates; the coefficients of
-the segments are their parameters.  So between two of them the bodies are polynomials of time, and no
-ephemeris is called: SPICE is asked for the words of the file alone, and nothing comes from
-`core.ephemeris.tables`.  How x is read, and where the target is, is as in `core.verification.repropagation`.
-Bodies are points here: what passes through one flies on.  Frame: J2000 axes.  Units: km, km/s, kg, s past the
+The equations of motion are written independently, as expressions that heyoka differentiates, with the
+coefficients of the records as parameters: within a record the bodies are polynomials of time, and no
+ephemeris is evaluated.  SPICE only reads the words of the file, and nothing comes from
+`core.ephemeris.tables`.  x and the target are read as in `core.verification.repropagation`.  Bodies are
+points here: a passage through one is not detected.  Frame: J2000 axes.  Units: km, km/s, kg, s past the
 departure epoch; TDB s past J2000 in the file.
 """
 
@@ -21,7 +21,7 @@ import spiceypy
 from core.constants import GM_EARTH, GM_JUPITER, GM_MOON, GM_SUN
 from core.ephemeris.kernels import check_kernels, planetary_kernel
 from core.problem import Problem
-from core.verification.end_to_end import Third, fly_through
+from core.verification.end_to_end import CrossCheck, propagate_end_to_end
 from core.verification.repropagation import Array, Pilot, Plan, UnflyableError, departure_of, pilot_of
 
 #: Target and centre of the runs of records that lead from the Earth to Moon, Sun and Jupiter: both Earth and
@@ -66,13 +66,13 @@ def read_runs(start_et: float, stop_et: float) -> tuple[Run, ...]:
         The span [TDB s past J2000].
     """
     check_kernels()
-    with _opened(str(planetary_kernel())) as handle:
+    with _open_daf(str(planetary_kernel())) as handle:
         placed = {(target, centre): (first, last) for target, centre, first, last in _segments(handle)}
         return tuple(_run(handle, *placed[pair], start_et, stop_et) for pair in RUNS)
 
 
 @contextmanager
-def _opened(path: str) -> Iterator[int]:
+def _open_daf(path: str) -> Iterator[int]:
     handle = spiceypy.dafopr(path)
     try:
         yield handle
@@ -98,21 +98,21 @@ def _run(handle: int, first: int, last: int, start_et: float, stop_et: float) ->
 
 
 INTEGRATOR = "heyoka.taylor_adaptive"
-#: Of the remainder of a series, relative to the largest component of the state: the last bit.
+#: Bound on the remainder of a series, relative to the largest component of the state: the last bit.
 TOLERANCE = 2.0**-52
-#: An arc that needs more steps than this circles a body closely and is given up; usual are 10.
+#: Limit of steps per arc, exceeded only in close orbits about a body; usual are 10.
 MAX_STEPS = 20_000
 
 
-def fly_third(problem: Problem, plans: list[Plan], naif_id: int, stop_et: float) -> Third:
-    """Return every trajectory flown through, up to an epoch past the last arrival [TDB s past J2000]."""
+def cross_check(problem: Problem, plans: list[Plan], naif_id: int, stop_et: float) -> CrossCheck:
+    """Propagate every trajectory end to end; `stop_et` is past the last arrival [TDB s past J2000]."""
     pilot = TaylorPilot(pilot_of(problem), read_runs(departure_of(problem)[0], stop_et))
-    flights = fly_through(pilot, problem, plans, naif_id, [None] * len(plans))
-    return Third(INTEGRATOR, heyoka.__version__, TOLERANCE, pilot.n_evaluations, tuple(flights))
+    flights = propagate_end_to_end(pilot, problem, plans, naif_id, [None] * len(plans))
+    return CrossCheck(INTEGRATOR, heyoka.__version__, TOLERANCE, pilot.n_evaluations, tuple(flights))
 
 
 class TaylorPilot(Pilot):
-    """Flies arcs forward as `Pilot` does, by another integrator; `n_evaluations` counts its steps."""
+    """Propagates arcs forward as `Pilot` does, by another integrator; `n_evaluations` counts its steps."""
 
     def __init__(self, pilot: Pilot, runs: tuple[Run, ...]) -> None:
         super().__init__(pilot.origin_et, 0.0, pilot.exhaust_velocity)
@@ -120,7 +120,7 @@ class TaylorPilot(Pilot):
         self._runs = runs
         self._integrator = _integrator(tuple(run.n_coefficients for run in runs))
 
-    def _integrated(self, start: float, state: Array, stop: float, thrust: tuple[float, ...]) -> Array:
+    def _integrate(self, start: float, state: Array, stop: float, thrust: tuple[float, ...]) -> Array:
         assert start < stop
         force, flow = thrust[:3], thrust[3]
         flown, time = state[:6], start
@@ -151,7 +151,7 @@ class TaylorPilot(Pilot):
 
 @functools.cache
 def _integrator(n_coefficients: tuple[int, ...]) -> Any:
-    """Return heyoka's integrator of eqs 1 to 3; it is compiled, which takes seconds, and then kept."""
+    """Return heyoka's integrator of eqs 1 to 3; it is compiled once, which takes seconds, and cached."""
     x, y, z, vx, vy, vz = heyoka.make_vars("x", "y", "z", "vx", "vy", "vz")
     parameters = (heyoka.par[index] for index in count())
     mass_at_start, flow, *force = (next(parameters) for _ in range(5))
@@ -167,7 +167,7 @@ def _integrator(n_coefficients: tuple[int, ...]) -> Any:
         [component / mass, pull] for component, pull in zip(force, _pull(GM_EARTH, [x, y, z]), strict=True)
     ]
     for gm, body in bodies:
-        # The Earth falls too, so only the difference of the two pulls is felt.
+        # The origin accelerates with the Earth, so only the difference of the two attractions counts.
         pulls = _pull(gm, _difference([x, y, z], body)), _pull(gm, body)
         for axis, pair in enumerate(zip(*pulls, strict=True)):
             terms[axis] += pair

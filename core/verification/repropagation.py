@@ -1,4 +1,4 @@
-"""Independent propagation of a solution in halves, by SciPy and SPICE: forward from the departure, backward.
+"""Independent propagation of a solution by SciPy and SPICE, in halves: forward, and backward from the target.
 
 Nothing here comes from `core.dynamics` or `core.transcription`: the layout of x, the segments, the outages
 and the equations of motion are written out a second time on purpose, in other units, on another integrator,
@@ -38,17 +38,17 @@ EARTH = 399
 MOON = 301
 #: NAIF id, GM [km^3/s^2] and radius [km] of the perturbing bodies; 5 is the barycentre of Jupiter's system.
 PERTURBERS = ((MOON, GM_MOON, RADIUS_MOON_KM), (10, GM_SUN, 0.0), (5, GM_JUPITER, 0.0))
-#: How messages call what a trajectory may meet.
+#: Names of the bodies in messages.
 NAMES = {EARTH: "Earth", MOON: "Moon", 10: "Sun", 5: "Jupiter"}
 
 INTEGRATOR = "scipy.integrate.DOP853"
 #: Relative tolerance per step, and the least that DOP853 takes.  Between them the defects of sensitive paths
-#: change by up to 0.02 km, most of it rounding, of which more steps make more.  So neither is right, and
-#: where a defect is near its limit the verdict is taken at both; docs/method.md, "Verification".
+#: change by up to 0.02 km, mostly by rounding, which grows with the number of steps.  So neither is exact,
+#: and where a defect is near its limit, it has to be within it at both; docs/method.md, "Verification".
 RTOL, FINER_RTOL = 1e-13, 2.3e-14
-#: Absolute tolerance: it rules only where a component passes through zero [km, km/s].
+#: Absolute tolerance: it matters only where a component passes through zero [km, km/s].
 ATOL = np.array([1e-7, 1e-7, 1e-7, 1e-13, 1e-13, 1e-13])
-#: An arc that needs more evaluations than this circles a body closely and is given up; usual are 60.
+#: Limit of evaluations per arc, exceeded only in close orbits about a body; usual are 60.
 MAX_EVALUATIONS = 200_000
 
 #: Thrust vector [kg km/s^2] and mass flow [kg/s] of a coast.
@@ -56,11 +56,11 @@ COAST = (0.0, 0.0, 0.0, 0.0)
 
 
 class UnflyableError(RuntimeError):
-    """An arc that ends in a body, without mass, or nowhere; the message says where."""
+    """An arc that cannot be propagated: it meets a body, runs out of mass, or takes too many steps."""
 
 
 class Pilot:
-    """Flies arcs from an origin epoch and counts what that costs."""
+    """Propagates arcs, with times from an origin epoch, and counts evaluations."""
 
     def __init__(
         self, origin_et: float, max_thrust_n: float, exhaust_velocity_km_s: float, rtol: float = RTOL
@@ -70,7 +70,7 @@ class Pilot:
         self.max_thrust = max_thrust_n * 1e-3  # [kg km/s^2]
         self.exhaust_velocity = exhaust_velocity_km_s
         self.n_evaluations = 0
-        #: Is shown the integrator after each of its steps.
+        #: Called with the integrator after each of its steps.
         self.watcher: Callable[[scipy.integrate.DOP853], None] | None = None
 
     def thrust(self, control: Array) -> tuple[float, float, float, float]:
@@ -113,10 +113,10 @@ class Pilot:
         if not min(state[6], end[6]) > 0:
             raise UnflyableError(f"no mass left {(time + duration) / 86400:.3f} days after departure")
         if duration != 0.0:
-            end[:6] = self._integrated(time, state, time + duration, thrust)
+            end[:6] = self._integrate(time, state, time + duration, thrust)
         return end
 
-    def _integrated(self, start: float, state: Array, stop: float, thrust: tuple[float, ...]) -> Array:
+    def _integrate(self, start: float, state: Array, stop: float, thrust: tuple[float, ...]) -> Array:
         budget = self.n_evaluations + MAX_EVALUATIONS
         derivative = self._equations_of_motion(start, float(state[6]), thrust)
         solver = scipy.integrate.DOP853(derivative, start, state[:6], stop, rtol=self.rtol, atol=ATOL)
@@ -177,7 +177,7 @@ class Plan(NamedTuple):
 
     @property
     def n_forward(self) -> int:
-        """Number of segments flown forward."""
+        """Number of segments propagated forward."""
         return len(self.controls) // 2
 
     @property
@@ -186,7 +186,7 @@ class Plan(NamedTuple):
         return self.shooting / len(self.controls)
 
 
-class Flown(NamedTuple):
+class HalfTrajectories(NamedTuple):
     """States at the starts of the segments; times in seconds past the departure epoch."""
 
     #: y_1 .. y_{Nf+1}, (n_forward + 1, 7).
@@ -233,7 +233,7 @@ def departure_of(problem: Problem) -> tuple[float, Array]:
 
 
 def pilot_of(problem: Problem, rtol: float = RTOL) -> Pilot:
-    """Return who flies a problem's arcs."""
+    """Return the propagator of a problem's arcs."""
     craft = problem.spacecraft
     return Pilot(departure_of(problem)[0], craft.max_thrust_n, craft.isp_s * G0 * 1e-3, rtol)
 
@@ -244,8 +244,8 @@ def fly_all(
     plans: list[Plan],
     naif_id: int,
     watchers: Sequence[Callable[["scipy.integrate.DOP853"], None] | None],
-) -> list[Flown]:
-    """Return every trajectory in halves; a watcher follows the steps of each."""
+) -> list[HalfTrajectories]:
+    """Propagate every trajectory in halves; a watcher is called after each step of its trajectory."""
     pilot.watcher, *others = watchers
     _, state = departure_of(problem)
     reference = _fly(pilot, plans[0], 0.0, state, plans[0].initial_coast, naif_id)
@@ -258,15 +258,17 @@ def fly_all(
     return flights
 
 
-def _reference_state_at(plan: Plan, reference: Flown, segment: int) -> Array:
-    """Return the reference at the start of a segment, from the half that the segment belongs to."""
+def _reference_state_at(plan: Plan, reference: HalfTrajectories, segment: int) -> Array:
+    """Return the state of the reference at the start of a segment, from the half that contains it."""
     matchpoint = plan.n_forward + 1
     is_forward = segment <= matchpoint
     state: Array = reference.forward[segment - 1] if is_forward else reference.backward[segment - matchpoint]
     return state
 
 
-def _fly(pilot: Pilot, plan: Plan, departure: float, state: Array, coast: float, naif_id: int) -> Flown:
+def _fly(
+    pilot: Pilot, plan: Plan, departure: float, state: Array, coast: float, naif_id: int
+) -> HalfTrajectories:
     start = departure + coast
     end = start + plan.shooting
     arrival = end + plan.final_coast
@@ -291,10 +293,10 @@ def _fly(pilot: Pilot, plan: Plan, departure: float, state: Array, coast: float,
             backward[i - 1] = pilot.arc(start + p * h, backward[i], -h, pilot.thrust(plan.controls[p - 1]))
     except UnflyableError as reason:
         failure = failure or str(reason)
-    return Flown(forward, backward, start, arrival, target_error, failure)
+    return HalfTrajectories(forward, backward, start, arrival, target_error, failure)
 
 
 def distance(state: Array, other: Array) -> tuple[float, float]:
-    """Return how far two states are apart, in position and in velocity."""
+    """Return the differences of two states in position and in velocity, as norms."""
     difference = state[:6] - other
     return float(np.linalg.norm(difference[:3])), float(np.linalg.norm(difference[3:]))

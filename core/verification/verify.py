@@ -1,9 +1,8 @@
-"""The judge: every trajectory of a solution flown again by SciPy and SPICE, and its defects weighed.
+"""Independent verification: re-propagate every trajectory with SciPy and SPICE, and check its defects.
 
-What flows in: a problem and its decision vector x in public units.  What flows out: the defects
-(forward minus backward) that an independent flight finds, and whether they hold at the two tolerances of
-docs/method.md.  No line is shared with `core.transcription` or `core.dynamics`, so a common mistake has
-nowhere to hide.
+Input: a problem and its decision vector x in public units.  Output: the defects (forward minus backward) of
+the re-propagated trajectories, and whether they are within each of the two tolerances of docs/method.md.
+No code is shared with `core.transcription` or `core.dynamics`, so that an error there cannot hide here.
 """
 
 import functools
@@ -26,7 +25,7 @@ from core.verification.repropagation import (
     INTEGRATOR,
     RTOL,
     Array,
-    Flown,
+    HalfTrajectories,
     Plan,
     departure_of,
     fly_all,
@@ -34,20 +33,20 @@ from core.verification.repropagation import (
     plans_of,
 )
 
-#: From this share of a limit to its inverse, a defect may be within the limit at one tolerance of the
-#: integrator and beyond it at another: the largest change seen was a fifth of one.
+#: Between this fraction of a limit and its inverse, a defect may be within the limit at one tolerance of the
+#: integrator and beyond it at another: the largest change observed was a fifth of a limit.
 NEAR = 0.2
 
 # The planetary kernel; epochs are TDB throughout, so the leap seconds play no part.
 _PLANETS = "de440.bsp"
 
-#: Share of a bound's width by which x may pass it: IPOPT itself relaxes bounds by 1e-8.
+#: Fraction of a bound's width by which x may exceed it: IPOPT itself relaxes bounds by 1e-8.
 BOUND_SLACK = 1e-7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Verification:
-    """What an independent flight of one decision vector found; trajectory 0 is the reference."""
+    """The result of re-propagating one decision vector; trajectory 0 is the reference."""
 
     #: Forward minus backward state at the matchpoints (1 + k, 7) [km, km/s, kg], geocentric J2000.
     defects: Array
@@ -55,7 +54,7 @@ class Verification:
     position_km: Array
     velocity_km_s: Array
     mass_kg: Array
-    #: Whether defects and bounds hold at the paper's and at the strict tolerance.
+    #: Whether the defects are within the loose and the strict tolerance, and x within its bounds.
     paper: bool
     strict: bool
     #: Distance from the target at insertion, after coasting back from arrival (1 + k, 2) [km, km/s].
@@ -67,23 +66,23 @@ class Verification:
     is_within_bounds: bool
     #: Whether the verdict differs with the integrator's tolerance; `paper` and `strict` hold at both.
     is_marginal: bool
-    #: Closest approaches of each trajectory, to the Earth and to the Moon, as far as it was flown.
+    #: Closest approaches of each trajectory, to the Earth and to the Moon, as far as it was propagated.
     closest: tuple[tuple[Approach, ...], ...]
-    #: Why a trajectory could not be flown, empty if all were.
+    #: Why a trajectory could not be propagated, empty if all were.
     failure: str
     integrator: str
-    #: Relative tolerance of the integrator, of two that with which the defects are larger.
+    #: Relative tolerance of the integrator; of two, the one with the larger defects.
     tolerance: float
-    #: Kernels flown with, as (name, hash).
+    #: Kernels used, as (name, hash).
     kernels: tuple[tuple[str, str], ...]
     n_evaluations: int
 
 
 @one_at_a_time
 def verify(problem: Problem, x: Array) -> Verification:
-    """Fly the reference and every realization of x again and weigh the defects.
+    """Re-propagate the reference and every realization of x, and compare the defects with the tolerances.
 
-    A trajectory that cannot be flown (it meets a body, or runs out of mass) has defects that are not
+    A trajectory that cannot be propagated (it meets a body, or runs out of mass) has defects that are not
     finite, `strict` and `paper` are False, and `failure` says where it ended.
 
     Parameters
@@ -108,11 +107,11 @@ def verify(problem: Problem, x: Array) -> Verification:
     ----------
     docs/method.md, "Verification".
     """
-    plans, (kernel, naif_id) = plans_of(problem, x), loaded_target(problem)
-    return judged(problem, plans, kernel, naif_id)
+    plans, (kernel, naif_id) = plans_of(problem, x), load_target(problem)
+    return verification_of(problem, plans, kernel, naif_id)
 
 
-def loaded_target(problem: Problem) -> tuple[Path, int]:
+def load_target(problem: Problem) -> tuple[Path, int]:
     """Load every kernel of a problem into SPICE; return that of its target, and its NAIF id."""
     check_kernels()
     kernel, naif_id = target_kernel(problem)
@@ -120,19 +119,19 @@ def loaded_target(problem: Problem) -> tuple[Path, int]:
     return kernel, naif_id
 
 
-def judged(problem: Problem, plans: list[Plan], kernel: Path, naif_id: int) -> Verification:
-    """Fly in halves, twice where the integrator's tolerance might decide, and return the verdict."""
-    found = [_flown(problem, plans, naif_id, RTOL)]
+def verification_of(problem: Problem, plans: list[Plan], kernel: Path, naif_id: int) -> Verification:
+    """Propagate in halves, twice where the integrator's tolerance may decide, and return the verdict."""
+    found = [_propagate(problem, plans, naif_id, RTOL)]
     if any(NEAR < violation(found[0].defects, level) < 1.0 / NEAR for level in (PAPER, STRICT)):
-        found.append(_flown(problem, plans, naif_id, FINER_RTOL))
-    return _weighed(problem, plans, found, kernel)
+        found.append(_propagate(problem, plans, naif_id, FINER_RTOL))
+    return _verdict(problem, plans, found, kernel)
 
 
 class _Flight(NamedTuple):
-    """All trajectories in halves, flown at one tolerance."""
+    """All trajectories in halves, propagated at one tolerance."""
 
     rtol: float
-    flights: list[Flown]
+    flights: list[HalfTrajectories]
     closest: tuple[tuple[Approach, ...], ...]
     n_evaluations: int
 
@@ -142,15 +141,15 @@ class _Flight(NamedTuple):
         return np.array([flown.forward[-1] - flown.backward[0] for flown in self.flights])
 
 
-def _flown(problem: Problem, plans: list[Plan], naif_id: int, rtol: float) -> _Flight:
+def _propagate(problem: Problem, plans: list[Plan], naif_id: int, rtol: float) -> _Flight:
     pilot = pilot_of(problem, rtol)
     watchers = [Closest(pilot) for _ in plans]
     flights = fly_all(pilot, problem, plans, naif_id, watchers)
     return _Flight(rtol, flights, tuple(one.approaches for one in watchers), pilot.n_evaluations)
 
 
-def _weighed(problem: Problem, plans: list[Plan], found: list[_Flight], kernel: Path) -> Verification:
-    """Return the verdict on one flight, or on two of one vector: what both hold."""
+def _verdict(problem: Problem, plans: list[Plan], found: list[_Flight], kernel: Path) -> Verification:
+    """Return the verdict on one propagation, or what holds in both of two."""
     first, worst = found[0], max(found, key=lambda flight: violation(flight.defects))
     norms, is_within_bounds = _norms(worst.defects), _is_within_bounds(problem, plans)
     levels = {tuple(holds(flight.defects, level) for level in (PAPER, STRICT)) for flight in found}
@@ -168,7 +167,7 @@ def _weighed(problem: Problem, plans: list[Plan], found: list[_Flight], kernel: 
         is_within_bounds=is_within_bounds,
         is_marginal=is_within_bounds and len(levels) > 1,
         closest=first.closest,
-        failure="; ".join(_named(worst.flights)),
+        failure="; ".join(_failures(worst.flights)),
         integrator=INTEGRATOR,
         tolerance=worst.rtol,
         kernels=(
@@ -204,7 +203,7 @@ def _plan_is_within(problem: Problem, plan: Plan, share: float) -> bool:
     start_mass = float(departure_of(problem)[1][6])
     return all(
         (
-            # Only the upper bound of a realization shrinks for certain: the lower one is read at its least.
+            # Only the upper bound certainly shrinks for a realization; the lower one is taken at its least.
             _is_between(plan.shooting / SECONDS_PER_DAY, low * share, high * share),
             _is_between(plan.initial_coast / SECONDS_PER_DAY, *bounds.initial_coast_days),
             _is_between(plan.final_coast / SECONDS_PER_DAY, *bounds.final_coast_days),
@@ -221,7 +220,7 @@ def _is_between(values: Array | float, low: float, high: float) -> bool:
     return bool(np.all((values >= low - slack) & (values <= high + slack)))
 
 
-def _named(flights: list[Flown]) -> list[str]:
+def _failures(flights: list[HalfTrajectories]) -> list[str]:
     names = ["reference", *(f"realization {i}" for i in range(1, len(flights)))]
     return [f"{name} {flown.failure}" for name, flown in zip(names, flights, strict=True) if flown.failure]
 

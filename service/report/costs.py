@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from core.analysis.campaign_facts import SolveFacts
-from core.analysis.campaign_statistics import Summary, grouped, solutions
-from core.analysis.comparison import Comparison, PairedChange, compared, paired_change
+from core.analysis.campaign_statistics import Summary, group_solves, solutions
+from core.analysis.comparison import Comparison, PairedChange, compare_groups, paired_change
 from core.analysis.cumulative_cost import Cumulative, seed_chains
 from service.report.page import Picture, Section
 from service.report.plots import (
@@ -262,7 +262,7 @@ def mappings_section(groups: Groups) -> Section | None:
     """Return the comparison of mappings, None where no search has seeds."""
     by_strategy: dict[str, dict[str, Sequence[SolveFacts]]] = {}
     seeded = (one for one in groups.findings.facts.solves if one.mapping is not None)
-    for (strategy, mapping), solves in grouped(seeded, BY_MAPPING).items():
+    for (strategy, mapping), solves in group_solves(seeded, BY_MAPPING).items():
         by_strategy.setdefault(str(strategy), {})[str(mapping)] = solves
     if not by_strategy:
         return None
@@ -275,7 +275,7 @@ def mappings_section(groups: Groups) -> Section | None:
         (strategy, one)
         for strategy, mappings in by_strategy.items()
         if len(mappings) > 1
-        for one in compared(mappings)
+        for one in compare_groups(mappings)
     ]
     tables = [_mappings(found)]
     if tests:
@@ -338,7 +338,7 @@ def comparisons_section(groups: Groups) -> Section | None:
         (duration_label(days), one)
         for (_, days), family in sorted(families.items(), key=lambda entry: (entry[0][0], entry[0][1] or 0.0))
         if len(family) > 1
-        for one in compared(family)
+        for one in compare_groups(family)
     ]
     if not tests:
         return None

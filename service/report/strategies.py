@@ -12,10 +12,10 @@ from core.analysis.campaign_statistics import (
     case_name,
     cost_of,
     findings_of,
-    grouped,
+    group_solves,
     seed_yields,
     solutions,
-    summarized,
+    summarize,
 )
 from core.analysis.metrics import Ratio, Spread, feasibility_ratio, spread
 from service.report.beside import Beside
@@ -88,7 +88,7 @@ def groups_of(facts: CampaignFacts, beside: Beside) -> Groups:
     """Return the groups of a campaign."""
     findings = findings_of(facts)
     solves = _by_strategy(facts.solves)
-    summaries = {key: replace(summarized(findings, group), strategy=key[0]) for key, group in solves.items()}
+    summaries = {key: replace(summarize(findings, group), strategy=key[0]) for key, group in solves.items()}
     return Groups(findings, solves, summaries, beside)
 
 
@@ -291,7 +291,7 @@ COLUMNS = (
 def cases_section(groups: Groups) -> Section:
     """Return the tables by case, one for each number of outages."""
     by_k: dict[int, list[_Case]] = {}
-    for solves in grouped(groups.findings.facts.solves, ("outages", "strategy")).values():
+    for solves in group_solves(groups.findings.facts.solves, ("outages", "strategy")).values():
         first = solves[0]
         by_k.setdefault(first.k, []).append(_Case(first.outages, first.strategy, counts_of(solves)))
     paragraph = "A case is a set of outages, named by the segments at which they begin."

@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from core.verification import verify as judge
-from core.verification.certificate import _too_low as too_low
+from core.verification.certificate import _low_passages as too_low
 from core.verification.certificate import certify, lowest_passages
 from core.verification.closest_approach import Approach
 from core.verification.verify import verify

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.analysis.campaign_statistics import findings_of, row
-from core.analysis.comparison import compared, holm, paired_change, paired_changes, wilcoxon_p
+from core.analysis.comparison import compare_groups, holm, paired_change, paired_changes, wilcoxon_p
 from tests.core.analysis.solves import campaign, failed, solved
 
 
@@ -18,7 +18,7 @@ def child(name, seed, propellant_kg, segment=4, **changes):
 def test_fishers_test_is_that_of_the_lady_tasting_tea():
     # Fisher, The Design of Experiments (1935): 3 of 4 and 1 of 4; both tails are 34 of 70.
     one = [solved("a"), solved("b"), solved("c"), failed()]
-    (found,) = compared({"milk first": one, "tea first": [solved("d"), failed(), failed(), failed()]})
+    (found,) = compare_groups({"milk first": one, "tea first": [solved("d"), failed(), failed(), failed()]})
     assert found.fisher_p == pytest.approx(34 / 70, rel=1e-12)  # sums of binomial coefficients
     assert (found.n_solutions_one, found.n_solves_one) == (3, 4)
     assert (found.n_solutions_other, found.n_solves_other) == (1, 4)
@@ -27,7 +27,7 @@ def test_fishers_test_is_that_of_the_lady_tasting_tea():
 def test_delta_v_is_compared_by_rank():
     cheap = [solved(name, mass) for name, mass in (("a", 100.0), ("b", 150.0), ("c", 200.0))]
     dear = [solved(name, mass) for name, mass in (("d", 300.0), ("e", 350.0), ("f", 500.0))]
-    (found,) = compared({"dear": dear, "cheap": cheap})
+    (found,) = compare_groups({"dear": dear, "cheap": cheap})
     # Of the 20 ways to rank three of six, this one and its opposite are the most extreme.
     assert found.mann_whitney_p == pytest.approx(2 / 20, rel=1e-12)  # rounding
     assert found.dearer == 1.0
@@ -35,7 +35,7 @@ def test_delta_v_is_compared_by_rank():
 
 
 def test_equal_strategies_do_not_differ():
-    (found,) = compared({"one": [solved("a")] * 12, "other": [solved("b")] * 15})
+    (found,) = compare_groups({"one": [solved("a")] * 12, "other": [solved("b")] * 15})
     assert (found.mann_whitney_p, found.fisher_p, found.dearer) == (1.0, 1.0, 0.5)
 
 
@@ -60,15 +60,15 @@ def test_corrected_values_keep_their_order_between_the_plain_ones_and_bonferroni
 
 def test_a_family_is_corrected_as_one():
     groups = {name: [solved("a")] * n + [failed()] * (20 - n) for name, n in (("a", 1), ("b", 10), ("c", 19))}
-    family = compared(groups)
+    family = compare_groups(groups)
     assert [(one.one, one.other) for one in family] == [("a", "b"), ("a", "c"), ("b", "c")]
     assert min(one.fisher_holm_p for one in family) == 3 * min(one.fisher_p for one in family)
-    (alone,) = compared(groups, [("a", "b")])
+    (alone,) = compare_groups(groups, [("a", "b")])
     assert alone.fisher_holm_p == alone.fisher_p == family[0].fisher_p
 
 
 def test_an_empty_group_is_compared_with_nothing():
-    (found,) = compared({"some": [solved("a")], "none": []})
+    (found,) = compare_groups({"some": [solved("a")], "none": []})
     assert isnan(found.fisher_p) and isnan(found.mann_whitney_p) and found.n_solves_other == 0
 
 

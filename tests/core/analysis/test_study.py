@@ -10,11 +10,11 @@ from core.analysis.campaign_statistics import (
     cost_of,
     count_distinct,
     findings_of,
-    grouped,
+    group_solves,
     row,
     seed_yields,
     summaries,
-    summarized,
+    summarize,
 )
 from tests.core.analysis.solves import campaign, failed, solved
 
@@ -38,7 +38,7 @@ def test_hours_per_solution_at_the_papers_charge_are_those_of_its_table(
 ):
     found = [solved("a", 300.0, *segments)] * n_solutions
     solves = found + [failed(segments)] * (n_guesses - n_solutions)
-    summary = summarized(made(*solves), solves)
+    summary = summarize(made(*solves), solves)
     assert summary.cost_per_paper.charged_hours == pytest.approx(hours, abs=0.005)  # printed digits
 
 
@@ -47,14 +47,14 @@ def test_costs_count_failures_and_the_time_spent_or_allowed():
         solved("a", cpu_seconds=1800.0, cap_seconds=3600.0),
         failed(cpu_seconds=5400.0, cap_seconds=7200.0),
     ]
-    summary = summarized(made(*solves), solves)
+    summary = summarize(made(*solves), solves)
     assert summary.cost == summary.cost_per_strict == (2.0, 3.0, 1.0)
     assert summary.distinct_per_core_hour == 0.5
 
 
 def test_ratios_and_costs_are_told_at_both_tolerances():
     solves = [solved("a"), solved("b", is_strict=False), failed(), failed()]
-    summary = summarized(made(*solves), solves)
+    summary = summarize(made(*solves), solves)
     assert (summary.n_solves, summary.n_paper, summary.n_strict) == (4, 2, 1)
     assert (summary.paper_ratio.value, summary.strict_ratio.value) == (0.5, 0.25)
     assert summary.cost_per_strict.core_hours == 2 * summary.cost_per_paper.core_hours
@@ -63,7 +63,7 @@ def test_ratios_and_costs_are_told_at_both_tolerances():
 def test_propellant_and_delta_v_are_those_of_solutions_at_the_level_asked_for():
     solves = [solved("a", 200.0), solved("b", 400.0), solved("c", 900.0, is_strict=False), failed()]
     findings = made(*solves)
-    strict, paper = (summarized(findings, solves, level) for level in ("strict", "paper"))
+    strict, paper = (summarize(findings, solves, level) for level in ("strict", "paper"))
     assert (strict.propellant_kg.n, strict.propellant_kg.mean, strict.propellant_kg.least) == (
         2,
         300.0,
@@ -82,19 +82,19 @@ def test_distinct_solutions_are_counted_within_each_case():
     assert count_distinct(findings, solves[:2]) == 1
     assert count_distinct(findings, [solves[1], solves[0], solves[2]]) == 1
     assert count_distinct(findings, solves[:3]) == 2
-    assert summarized(findings, solves).n_distinct == 3
+    assert summarize(findings, solves).n_distinct == 3
     # An outlier first, so that the last solution is not of the last cluster.
     assert count_distinct(findings, [solves[2], solves[0], solves[2]]) == 2
 
 
 def test_a_solution_found_twice_is_one():
     solves = [solved("a"), solved("a")]
-    assert summarized(made(*solves), solves).n_distinct == 1
+    assert summarize(made(*solves), solves).n_distinct == 1
 
 
 def test_groups_keep_the_order_of_the_solves_and_split_strategies_and_durations():
     solves = [failed((8,), 1.5), failed(), failed((4,), 0.5), failed((4,), 1.5), failed((8, 12), 0.5)]
-    groups = grouped(solves)
+    groups = group_solves(solves)
     assert list(groups) == [("S(1)", 1.5), ("S(0)", 0.0), ("S(1)", 0.5), ("S(2)", 0.5)]
     assert groups["S(1)", 1.5] == [solves[0], solves[3]]
 
@@ -112,7 +112,7 @@ def test_a_case_with_outages_of_different_length_names_them():
 
 
 def test_an_empty_group_has_no_numbers_but_its_zeros():
-    summary = summarized(made(), [])
+    summary = summarize(made(), [])
     assert (summary.n_solves, summary.n_distinct, summary.strategy) == (0, 0, None)
     assert isnan(summary.strict_ratio.value) and isnan(summary.cost_per_strict.core_hours)
     assert isnan(summary.distinct_per_core_hour) and isnan(summary.delta_v_km_s.mean)
@@ -120,7 +120,7 @@ def test_an_empty_group_has_no_numbers_but_its_zeros():
 
 
 def test_a_row_is_flat_and_holds_none_where_nothing_is_known():
-    cells = row(summarized(made(failed()), [failed()]))
+    cells = row(summarize(made(failed()), [failed()]))
     assert (cells["strict_ratio"], cells["strict_ratio_low"]) == (0.0, 0.0)
     assert cells["cost_per_strict_core_hours"] is None and cells["propellant_kg_mean"] is None
     assert cells["propellant_kg_n"] == 0 and cells["strategy"] == "S(0)"

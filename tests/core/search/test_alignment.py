@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from core.search import map_seed
-from core.search.alignment import Seed, held_thrust
+from core.search.alignment import Seed, thrust_profile
 from core.search.mapping import outage_profiles
 from core.transcription import Transcription, layout_of, throttle_of
 from tests.core.search.seeds import ONE, robust_solution
@@ -74,7 +74,7 @@ def test_a_path_that_has_left_the_reference_is_met_with_a_jump():
 @pytest.mark.parametrize(("days", "expected"), [(0.5, 1), (4.0, 3), (1.0, 1)])
 def test_what_is_held_is_the_thrust_of_the_reference_until_the_outage_ends(days, expected):
     asked = problem(((8, days),)).outages[0]
-    held = held_thrust(Seed(ONE, SEED), asked, 0, 0.25)
+    held = thrust_profile(Seed(ONE, SEED), asked, 0, 0.25)
     assert len(held) == expected  # segments of 1.8 d
     assert sum(duration for duration, _ in held) * TU_DAYS == pytest.approx(days, abs=1e-12)
     for segment, (_, control) in enumerate(held, start=8):
