@@ -1,4 +1,4 @@
-"""`coastarc analyse`: what outages do to one solution, found out by a campaign of its own."""
+"""`coastarc analyse`: how one solution responds to outages, computed by a campaign of its own."""
 
 import time
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from core.problem import problem_from
 from service import logs
 from service.cli import terminal
 from service.cli.options import DATA, WORKERS, Data, Json, Workers, client_of, console, print_json
-from service.cli.run import LOG_PERIOD_S, announce, crew_of, run_to_end
+from service.cli.run import LOG_PERIOD_S, announce, reopen, run_to_end, worker_setup
 from service.client import Client
 from service.coordinator import Coordinator, WorkerSetup
 from service.db.transitions import ENDED
@@ -25,7 +25,7 @@ from service.store.errors import StoreError
 from service.store.store import Store
 from workers.dispatch import ExecutorKind
 
-analyse = typer.Typer(help="Find out what may happen to a solution.", no_args_is_help=True)
+analyse = typer.Typer(help="Analyse how a solution responds to outages.", no_args_is_help=True)
 
 Solution = Annotated[str, typer.Argument(help="Id of a solution, or its beginning; all of it with --url.")]
 Beside = Annotated[
@@ -45,13 +45,13 @@ Out = Annotated[
 ]
 Url = Annotated[
     str | None,
-    typer.Option(help="Have this coordinator and its workers do it.", envvar="COASTARC_URL"),
+    typer.Option(help="Run the analysis on this coordinator and its workers.", envvar="COASTARC_URL"),
 ]
 
 
 @analyse.callback()
 def _root() -> None:
-    """Keep the name of the one command."""
+    """Keep the name of the only subcommand."""
 
 
 @analyse.command("missed-thrust")
@@ -67,31 +67,33 @@ def missed_thrust_command(
     out: Out = None,
     as_json: Json = False,
 ) -> None:
-    """Map which outages a solution recovers from, at what price; the same command goes on after Ctrl-C.
+    """Map which outages a solution recovers from, at what price; repeat the command to resume after Ctrl-C.
 
-    The reference is flown as it is until the outage; what is left is optimized afresh. Every recovery is a
-    certified solution of the archive.
+    The reference is followed until the outage; the rest is re-optimized. Every recovery is a certified
+    solution of the archive.
     """
-    # What a program reads must not be mixed with how far it is.
+    # Progress must not be mixed with the JSON.
     shown = Console(stderr=True) if as_json else console
     logs.configure(level="WARNING")
-    wanted = Wanted(segments, durations)
+    outages = OutageRequest(segments, durations)
     if not as_json:
         require_folder(out or Path())
     if url is not None:
         with client_of(url) as client:
-            views = [_remote(shown, client, one, wanted) for one in _both(client.record, solution, beside)]
+            views = [
+                _remote(shown, client, one, outages) for one in _records(client.record, solution, beside)
+            ]
     else:
         with Store(data, read_only=True) as store:
-            ids = _both(lambda prefix: store.record(store.find_solution(prefix)), solution, beside)
-        views = [_local(shown, data, one, wanted, crew_of(executor, workers)) for one in ids]
+            ids = _records(lambda prefix: store.record(store.find_solution(prefix)), solution, beside)
+        views = [_local(shown, data, one, outages, worker_setup(executor, workers)) for one in ids]
     if as_json:
         print_json(views[0] if beside is None else views)
     else:
         _show(views, out or Path(f"missed-thrust-{views[0].solution_id[:8]}"))
 
 
-class Wanted(NamedTuple):
+class OutageRequest(NamedTuple):
     """The outages as the user typed them."""
 
     segments: str | None
@@ -104,7 +106,7 @@ class Wanted(NamedTuple):
         return analysis_spec(record.id, problem, grid, "strict" if record.strict else "paper")
 
 
-def _both(record: Callable[[str], Record], solution: str, beside: str | None) -> list[Record]:
+def _records(record: Callable[[str], Record], solution: str, beside: str | None) -> list[Record]:
     """Return the solutions to analyse."""
     first = record(solution)
     if beside is None:
@@ -114,33 +116,32 @@ def _both(record: Callable[[str], Record], solution: str, beside: str | None) ->
     return [first, record(first.seed_id or "" if beside == "seed" else beside)]
 
 
-def _local(shown: Console, data: Path, record: Record, wanted: Wanted, crew: WorkerSetup) -> MissedThrustView:
+def _local(
+    shown: Console, data: Path, record: Record, outages: OutageRequest, setup: WorkerSetup
+) -> MissedThrustView:
     with Coordinator(data) as coordinator:
         store = coordinator.store
         definition, _ = store.definition_and_vector(record.id)
-        campaign_id, _ = store.submit(spec_from(wanted.fields(record, definition), allow_files=True))
-        store.revive(campaign_id)
-        if store.campaign_state(campaign_id) == "paused":
-            store.control_campaign(campaign_id, "resume")
-        if store.campaign_state(campaign_id) == "active":
+        campaign_id, _ = store.submit(spec_from(outages.fields(record, definition), allow_files=True))
+        if reopen(store, campaign_id):
             announce(shown, coordinator, f"/campaigns/{campaign_id}")
-            if not run_to_end(shown, coordinator, campaign_id, crew):
-                # What is done is kept.
+            if not run_to_end(shown, coordinator, campaign_id, setup):
+                # Results so far are kept.
                 raise KeyboardInterrupt
-        return _only(record, views_of(store, record.id, campaign_id))
+        return _single(record, views_of(store, record.id, campaign_id))
 
 
-def _remote(shown: Console, client: Client, record: Record, wanted: Wanted) -> MissedThrustView:
+def _remote(shown: Console, client: Client, record: Record, outages: OutageRequest) -> MissedThrustView:
     definition = client.problem(record.problem_hash).definition
-    view, _ = client.submit(wanted.fields(record, definition))
+    view, _ = client.submit(outages.fields(record, definition))
     while view.state not in ENDED:
         shown.print(terminal.progress_line(view), highlight=False)
         time.sleep(LOG_PERIOD_S)
         view = client.campaign(view.id)
-    return _only(record, client.missed_thrust(record.id, view.id).items)
+    return _single(record, client.missed_thrust(record.id, view.id).items)
 
 
-def _only(record: Record, views: list[MissedThrustView]) -> MissedThrustView:
+def _single(record: Record, views: list[MissedThrustView]) -> MissedThrustView:
     if not views:
         raise StoreError(
             f"missed-thrust analysis of {record.id[:8]}: expected a solve, got none; look at its dead jobs"
@@ -149,7 +150,7 @@ def _only(record: Record, views: list[MissedThrustView]) -> MissedThrustView:
 
 
 def _show(views: list[MissedThrustView], folder: Path) -> None:
-    # Drawing takes a second to import, and other commands do not draw.
+    # Importing matplotlib takes a second.
     from service.report.missed_thrust import segment_table, summary_table, write_missed_thrust
 
     for table in (segment_table(views), summary_table(views)):

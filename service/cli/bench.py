@@ -59,13 +59,13 @@ from workers.provenance import machine
 Plan = TypeVar("Plan")
 Solved = TypeVar("Solved")
 
-#: Time between two lines of progress where lines cannot be overwritten [s].
+#: Period of lines of progress where lines cannot be overwritten [s].
 QUIET_S = 30.0
 
 
 @contextmanager
 def user_errors() -> Iterator[None]:
-    """Turn what a user did wrong into one line and exit code 2."""
+    """Report an error of the user in one line, with exit code 2."""
     try:
         yield
     except ValueError as error:
@@ -81,14 +81,14 @@ def require_folders(**files: Path | None) -> None:
 
 
 class Progress:
-    """One line on stderr that is written over; in a file, one line now and then."""
+    """One line on stderr that is overwritten; in a file, one line every half minute."""
 
     def __init__(self) -> None:
         self._is_terminal = sys.stderr.isatty()
         self._next = 0.0
 
     def show(self, line: str) -> None:
-        """Show the state of things."""
+        """Show the current state."""
         if self._is_terminal:
             sys.stderr.write(f"\r{line}\x1b[K")
         elif time.monotonic() >= self._next:
@@ -97,26 +97,26 @@ class Progress:
         sys.stderr.flush()
 
     def end(self) -> None:
-        """Leave the line to what is printed next."""
+        """End the line, so that the next output begins on a new one."""
         if self._is_terminal:
             sys.stderr.write("\n")
             sys.stderr.flush()
 
 
 class Ledger:
-    """Keeps the JSON of a benchmark on disk while it grows."""
+    """Saves the JSON of a benchmark to disk as results come in."""
 
     def __init__(self, path: Path | None, content: Callable[[bool], dict[str, Any]]) -> None:
         #: `content(is_partial)` gives all that is known.
         self._path, self._content = path, content
 
-    def grow(self) -> None:
-        """Write what there is: a kill loses nothing that ended before."""
+    def save(self) -> None:
+        """Save the results so far, so that a kill loses none of them."""
         if self._path is not None and str(self._path) != "-":
             write_json(self._path, self._content(True))
 
     def close(self, is_partial: bool) -> bool:
-        """Write everything; "-" means stdout, and then the answer is that nothing else should go there."""
+        """Write everything; return whether it went to stdout ("-"), where nothing else should go."""
         if self._path is None:
             return False
         if str(self._path) == "-":
@@ -127,20 +127,20 @@ class Ledger:
 
 
 class Report(Protocol[Plan, Solved]):
-    """What a long benchmark has found so far."""
+    """The results of a long benchmark so far."""
 
     plan: Plan
     solved: list[Solved]
-    #: Kernels that were compiled while the clock ran: any spoils the times.
+    #: Kernels that were compiled while timing: any of them spoils the times.
     n_compiled: int
 
     def line(self) -> str:
-        """Return the state of things in one line."""
+        """Return the current state in one line."""
 
 
 @contextmanager
-def opened(n_workers: int) -> Iterator[Executor]:
-    """Give processes to solve on, and end them."""
+def process_pool(n_workers: int) -> Iterator[Executor]:
+    """Start processes to solve on, and end them."""
     pool = ProcessPool(n_workers)
     try:
         yield pool
@@ -148,24 +148,24 @@ def opened(n_workers: int) -> Iterator[Executor]:
         pool.close()
 
 
-def is_cut_short(
+def run_until_interrupted(
     found: Report[Plan, Solved],
     ledger: Ledger,
     n_workers: int,
     warm_up: Callable[[Executor, Plan], None],
     solve_all: Callable[[Executor, Plan], Iterator[Solved]],
 ) -> bool:
-    """Solve until all is done, or until Ctrl-C, and return whether it was that."""
+    """Solve until all is done or until Ctrl-C; return whether it was interrupted."""
     progress = Progress()
     try:
-        with opened(n_workers) as pool:
+        with process_pool(n_workers) as pool:
             warm_up(pool, found.plan)
             before = n_compiled_kernels()
             for one in solve_all(pool, found.plan):
                 found.solved.append(one)
                 found.n_compiled = n_compiled_kernels() - before
                 progress.show(found.line())
-                ledger.grow()
+                ledger.save()
     except KeyboardInterrupt:
         return True
     finally:
@@ -186,7 +186,7 @@ def number(value: float | None, digits: int = 1) -> str:
 
 
 def shares(summary: Mapping[str, Any]) -> Table:
-    """Return how many guesses became what, and what each of those cost."""
+    """Return counts, shares and costs of the kinds of solutions."""
     rows = terminal.table("guesses that became", "of", "%, 95 % interval", "CPU s each")
     costs = summary["costs"]
     for name, key, cost in (
@@ -255,7 +255,7 @@ def chains(listed: list[dict[str, Any]], key: str) -> Table:
 
 
 def print_facts(console: Console, facts: Mapping[str, Any]) -> None:
-    """Print what the numbers depend on, one line each."""
+    """Print what the numbers depend on, one per line."""
     for name, value in facts.items():
         console.print(f"{name}: {value}", highlight=False, soft_wrap=True)
 
@@ -295,7 +295,7 @@ class SolveReport:
         }
 
     def summary(self) -> dict[str, Any]:
-        """Return what the guesses come to."""
+        """Return the summary of the guesses."""
         return summary([one.measurement for one in self.solved])
 
     def content(self, is_partial: bool) -> dict[str, Any]:
@@ -312,7 +312,7 @@ class SolveReport:
         }
 
     def line(self) -> str:
-        """Return the state of things in one line."""
+        """Return the current state in one line."""
         found = self.summary()
         costs, best = found["costs"], found["best_propellant_kg"]
         return (
@@ -333,7 +333,7 @@ class SolveReport:
         console.print(f"propellant: best {number(best, 2)} kg, median {number(median, 2)} kg")
         print_facts(console, self.machine | self.settings)
         if self.n_compiled:
-            console.print(f"{self.n_compiled} kernels were compiled while the clock ran: run again")
+            console.print(f"{self.n_compiled} kernels were compiled while timing: run again")
         for fault in found["faults"]:
             console.print(f"fault: {fault}", markup=False)
 
@@ -349,13 +349,13 @@ def solve(
     save: Save = None,
     workers: Workers = 1,
 ) -> None:
-    """Solve guesses, verify every result, and tell shares, costs and why the others failed."""
+    """Solve guesses, verify every result, and show success rates, costs and failures."""
     with user_errors():
         require_folders(json=json_file, save=save)
         limits = SolveSettings(cpu_seconds, max_iterations)
         found = SolveReport(GuessPlan(load_problem(problem), guesses, rng_seed, law, limits), workers)
         ledger = Ledger(json_file, found.content)
-    is_partial = is_cut_short(found, ledger, workers, warm_up, solve_guesses)
+    is_partial = run_until_interrupted(found, ledger, workers, warm_up, solve_guesses)
     if save is not None:
         ordered = sorted(found.solved, key=lambda one: one.number)
         strict = [solution_of(found.plan, one) for one in ordered if one.x is not None]
@@ -410,7 +410,7 @@ class ChainReport:
         }
 
     def line(self) -> str:
-        """Return the state of things in one line."""
+        """Return the current state in one line."""
         n_strict = sum(one.measurement.strict for one in self.solved)
         spent = sum(one.measurement.cpu_seconds for one in self.solved)
         last = self.solved[-1]
@@ -428,7 +428,7 @@ class ChainReport:
         console.print(chains(groups, "group"))
         print_facts(console, self.machine | self.settings)
         if self.n_compiled:
-            console.print(f"{self.n_compiled} kernels were compiled while the clock ran: run again")
+            console.print(f"{self.n_compiled} kernels were compiled while timing: run again")
         for fault in sorted({fault for group in groups for fault in group["faults"]}):
             console.print(f"fault: {fault}", markup=False)
 
@@ -450,21 +450,21 @@ def chain(
     rng_seed: Annotated[int, typer.Option(min=0, help="Fixes these guesses.")] = 1,
     workers: Workers = 1,
 ) -> None:
-    """Map seeds to problems with outages, solve, verify every result, and tell shares, costs and prices."""
+    """Map seeds to problems with outages, solve, verify every result, and show success rates and costs."""
     with user_errors():
         require_folders(json=json_file, save=save, save_seeds=save_seeds)
         limits = SolveSettings(cpu_seconds, max_iterations)
-        wanted = _wanted(cases, group)
+        wanted = _selected_cases(cases, group)
         mappings = tuple(part.strip() for part in mapping.split(","))
         check_mappings(mappings)
         if seeds is not None:
             given = tuple(distinct(read_solutions(seeds))[:limit])
         else:
             search = GuessPlan(load_problem(problem), 100 * N_SEEDS, rng_seed, law, limits)
-            given = _regenerated(search, limit or N_SEEDS, workers, save_seeds)
+            given = _find_seeds(search, limit or N_SEEDS, workers, save_seeds)
         found = ChainReport(ChainPlan(given, wanted, mappings, duration_days, limits), workers)
         ledger = Ledger(json_file, found.content)
-    is_partial = is_cut_short(found, ledger, workers, warm_up_links, solve_links)
+    is_partial = run_until_interrupted(found, ledger, workers, warm_up_links, solve_links)
     if save is not None:
         strict = [solution_of_link(found.plan, one) for one in found.solved if one.x is not None]
         write_solutions(save, found.plan.reference, strict)
@@ -474,17 +474,17 @@ def chain(
         raise typer.Exit(130)
 
 
-def _wanted(cases: str | None, group: str | None) -> tuple[Case, ...]:
+def _selected_cases(cases: str | None, group: str | None) -> tuple[Case, ...]:
     listed = parsed_cases(cases) if cases else []
     if group or not cases:
         listed += grouped_cases(group or ",".join(DEFAULT_GROUPS))
     return tuple(listed)
 
 
-def _regenerated(search: GuessPlan, n: int, n_workers: int, save_seeds: Path | None) -> tuple[Solution, ...]:
-    """Find so many distinct solutions, and save them if asked; an interruption here ends the command."""
+def _find_seeds(search: GuessPlan, n: int, n_workers: int, save_seeds: Path | None) -> tuple[Solution, ...]:
+    """Find so many distinct solutions, and save them if asked; an interruption ends the command."""
     progress = Progress()
-    with opened(n_workers) as pool:
+    with process_pool(n_workers) as pool:
         try:
             found = found_seeds(pool, search, n, progress.show)
         finally:
@@ -514,7 +514,6 @@ def evaluate(
     as_json: Json = False,
 ) -> None:
     """Time defects and their Jacobian for k = 0, 1, 3, 12 and N = 50, 100, beside SciPy."""
-    from core.problem import load_problem
     from workers.measure_evaluation import bench_evaluate
 
     with threadpool_limits(1):

@@ -1,4 +1,4 @@
-"""`coastarc campaigns`, campaigns as files, and `coastarc seeds`, what would seed a search or a problem."""
+"""`coastarc campaigns`, campaigns as files, and `coastarc seeds`, the seeds of a search or a problem."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,8 +20,8 @@ from service.store.archive_files import file_name, import_file, portable
 from service.store.store import Store
 
 
-def _opened(data: Path, url: str | None) -> Client | Store:
-    """Return the coordinator if one is named, and else the archive."""
+def _source(data: Path, url: str | None) -> Client | Store:
+    """Return the coordinator if one is named, or else the archive."""
     return client_of(url) if url is not None else Store(data, read_only=True)
 
 
@@ -52,7 +52,7 @@ def seeds(
 ) -> None:
     """Show which solutions would seed a search or a problem, and by which mapping."""
     wanted = SeedChoices(order, limit, tolerance, tuple(mapping) if mapping else None)
-    with _opened(data, url) as source:
+    with _source(data, url) as source:
         if problem is not None and campaign is None and search is None:
             outages = [_outage(text) for text in outage] if outage else None
             page = source.seeds_of_problem(problem, outages, k, wanted)
@@ -74,14 +74,14 @@ def _outage(text: str) -> tuple[int, float]:
         raise ClientError(f"--outage: expected segment:days as in 24:1.0, got {text}") from None
 
 
-campaigns = typer.Typer(help="Take campaigns from one installation to another.", no_args_is_help=True)
+campaigns = typer.Typer(help="Copy campaigns between installations.", no_args_is_help=True)
 
 CampaignToExport = Annotated[
     str, typer.Argument(help="Id of a campaign, or its name; the newest of that name.")
 ]
 UrlOfArchive = Annotated[
     str | None,
-    typer.Option(help="Have this coordinator take it in, instead of the archive.", envvar="COASTARC_URL"),
+    typer.Option(help="Import into this coordinator, instead of the archive.", envvar="COASTARC_URL"),
 ]
 Output = Annotated[
     Path | None, typer.Option("--output", "-o", help="New file; named after the campaign if left out.")
@@ -97,7 +97,7 @@ def export_campaign(
     as_json: Json = False,
 ) -> None:
     """Write a campaign that is paused or has ended to one file, with all campaigns that seed it."""
-    with _opened(data, url) as source:
+    with _source(data, url) as source:
         campaign_id = source.find_campaign(campaign)
         path = output or Path(file_name(source.campaign(campaign_id).name))
         n_bytes = write_new(path, _content(source, campaign_id))
@@ -120,32 +120,32 @@ def import_campaign(
     url: UrlOfArchive = None,
     as_json: Json = False,
 ) -> None:
-    """Take in a campaign from such a file: all of it, or nothing; what is there already stays as it is."""
-    taken = _sent(url, file) if url is not None else _taken_in(data, file)
+    """Import a campaign from such a file, all of it or nothing; existing rows stay unchanged."""
+    imported = _upload(url, file) if url is not None else _import(data, file)
     if as_json:
-        print_json(taken)
+        print_json(imported)
         return
-    console.print(f"Campaign {taken.campaign_id}: {_news(taken)}.", highlight=False, markup=False)
+    console.print(f"Campaign {imported.campaign_id}: {_changes(imported)}.", highlight=False, markup=False)
 
 
-def _news(taken: ImportView) -> str:
-    certificates = f"{taken.n_certificates} new certificates" if taken.n_certificates else ""
-    if not taken.new_campaigns:
-        return certificates or "nothing is new, all of it was there"
-    names = ", ".join(taken.new_campaigns)
-    news = f"{names} taken in, with {taken.n_solves} solves and {taken.n_solutions} new solutions"
+def _changes(imported: ImportView) -> str:
+    certificates = f"{imported.n_certificates} new certificates" if imported.n_certificates else ""
+    if not imported.new_campaigns:
+        return certificates or "nothing new, all of it was there already"
+    names = ", ".join(imported.new_campaigns)
+    news = f"{names} imported, with {imported.n_solves} solves and {imported.n_solutions} new solutions"
     return f"{news}, {certificates}" if certificates else news
 
 
-def _sent(url: str, file: Path) -> ImportView:
+def _upload(url: str, file: Path) -> ImportView:
     with client_of(url) as client:
         return client.import_campaign(file)
 
 
-def _taken_in(data: Path, file: Path) -> ImportView:
+def _import(data: Path, file: Path) -> ImportView:
     make_folder(data)
     try:
         with FolderLock(data), Store(data) as store:
             return ImportView(**import_file(store, file)._asdict())
     except LockError as error:
-        raise PortableError(f"{error}, or have that coordinator take it in with --url") from None
+        raise PortableError(f"{error}, or import into that coordinator with --url") from None

@@ -21,8 +21,8 @@ from core.errors import UserError
 
 errors = Console(stderr=True)
 
-#: What the parser says, and how we say it.
-_SAYINGS = (
+#: Messages of the parser, and our form of them.
+_MESSAGES = (
     (
         r"Invalid value for '([^']+)': Value error, (.+) is not one of (.+?)\.?",
         r"\1: expected one of \3, got \2",
@@ -40,23 +40,23 @@ _SAYINGS = (
 )
 
 
-def complain(message: str) -> None:
+def print_error(message: str) -> None:
     """Print an error in one line."""
-    # As text: what users typed may look like markup.
+    # As text: users' input may look like markup.
     errors.print(Text.assemble(("error: ", "red"), message), soft_wrap=True)
 
 
-def warn(message: str) -> None:
+def print_warning(message: str) -> None:
     """Print a warning in one line."""
     errors.print(Text.assemble(("warning: ", "yellow"), message), soft_wrap=True)
 
 
 def fault_line(error: TyperException) -> str:
-    """Return what is wrong with a command in one line; nothing where the help was the answer."""
+    """Return the error of a command in one line; empty where the help was printed instead."""
     if type(error).__name__ == "NoArgsIsHelpError":
         return ""
     text = " ".join(error.format_message().split())
-    for pattern, form in _SAYINGS:
+    for pattern, form in _MESSAGES:
         match = re.fullmatch(pattern, text)
         if match:
             text = match.expand(form).strip()
@@ -65,7 +65,7 @@ def fault_line(error: TyperException) -> str:
     return f"{text}; see `{context.command_path} --help`" if context else text
 
 
-#: Commands and groups in the order in which a newcomer needs them: where each is, and what it is for.
+#: Commands and groups in the order in which a newcomer needs them: place and summary of each.
 COMMANDS = {
     "run": (
         "service.cli.run:run",
@@ -90,18 +90,21 @@ COMMANDS = {
     ),
     "pause": (
         "service.cli.control:pause",
-        "Hand out no more jobs of a campaign or of one search; those that run finish.",
+        "Stop handing out jobs of a campaign or of one search; running jobs finish.",
     ),
-    "resume": ("service.cli.control:resume", "Let a paused campaign, or one search of it, go on."),
+    "resume": ("service.cli.control:resume", "Resume a paused campaign, or one search of it."),
     "cancel": (
         "service.cli.control:cancel",
         "End a campaign, or one search of it, for good; running solves are stopped, results are kept.",
     ),
     "share": (
         "service.cli.control:share",
-        "Change when a campaign or one search of it gets workers, and how large a part of them.",
+        "Set the priority and weight by which a campaign or one search shares the workers.",
     ),
-    "solutions": ("service.cli.solutions:solutions", "Look at solutions, find them again, take them away."),
+    "solutions": (
+        "service.cli.solutions:solutions",
+        "List, show, verify, reproduce, refine and export solutions.",
+    ),
     "seeds": (
         "service.cli.campaigns:seeds",
         "Show which solutions would seed a search or a problem, and by which mapping.",
@@ -110,8 +113,8 @@ COMMANDS = {
         "service.cli.report:report",
         "Write the report of a campaign, finished or not: one HTML page, and its figures and tables.",
     ),
-    "campaigns": ("service.cli.campaigns:campaigns", "Take campaigns from one installation to another."),
-    "analyse": ("service.cli.analyse:analyse", "Find out what may happen to a solution."),
+    "campaigns": ("service.cli.campaigns:campaigns", "Copy campaigns between installations."),
+    "analyse": ("service.cli.analyse:analyse", "Analyse how a solution responds to outages."),
     "benchmark": (
         "service.cli.problem_set:benchmark",
         "Show and check the open set of robust problems; compare solutions with it.",
@@ -126,7 +129,7 @@ COMMANDS = {
     ),
 }
 
-#: Commands that list what exists, for whoever names one that does not.
+#: Commands that list what exists, for errors about what does not.
 LISTS = {
     "campaign": "coastarc status",
     "solution": "coastarc solutions list",
@@ -154,7 +157,7 @@ def _add_commands(
 ) -> None:
     for name, (place, summary) in commands.items():
         if typed is not None and name not in typed:
-            app.command(name, help=summary)(_not_typed)
+            app.command(name, help=summary)(_placeholder)
             continue
         module, _, attribute = place.partition(":")
         command = getattr(import_module(module), attribute)
@@ -192,7 +195,7 @@ def _options(version: Version = False) -> None:
     """Search for low-thrust trajectories that survive missed-thrust events."""
 
 
-def _not_typed() -> None:
+def _placeholder() -> None:
     """Stand for a command in the help."""
 
 
@@ -203,16 +206,16 @@ def main() -> None:
         signal.signal(number, _as_interrupt)
     try:
         if set(sys.argv[1:2]) & _COMPUTING and (note := cache_note()):
-            warn(note)
+            print_warning(note)
         # Not in standalone mode: errors of usage are printed in one line too.
         sys.exit(app_of(sys.argv[1:3])(prog_name="coastarc", standalone_mode=False) or 0)
     except typer.TyperException as error:
         if line := fault_line(error):
-            complain(line)
+            print_error(line)
         sys.exit(2)
     except UserError as error:
         listed = LISTS.get(getattr(error, "noun", ""))
-        complain(f"{error}; see `{listed}`" if listed else str(error))
+        print_error(f"{error}; see `{listed}`" if listed else str(error))
         sys.exit(2)
     except KeyboardInterrupt:
         sys.exit(130)

@@ -8,7 +8,7 @@ import typer
 from rich.live import Live
 
 from service.cli import terminal
-from service.cli.command import complain
+from service.cli.command import print_error
 from service.cli.options import DEFAULT_URL, Json, Url, client_of, console, print_json
 from service.client import Client, ClientError, Verb
 from service.db.transitions import ENDED
@@ -18,17 +18,17 @@ from workers.client import PASSING
 
 Campaign = Annotated[str, typer.Argument(help="Id or name of a campaign.")]
 Search = Annotated[str | None, typer.Option(help="Only this search of it.")]
-#: A campaign is read again this often at most; a coordinator may be away for so long [s].
+#: Shortest period of reading a campaign, and how long a coordinator may be unreachable [s].
 PERIOD_S, PATIENCE_S = 1.0, 30.0
 
 
 def pause(campaign: Campaign, search: Search = None, url: Url = DEFAULT_URL, as_json: Json = False) -> None:
-    """Hand out no more jobs of a campaign or of one search; those that run finish."""
+    """Stop handing out jobs of a campaign or of one search; running jobs finish."""
     _control("pause", campaign, search, url, as_json)
 
 
 def resume(campaign: Campaign, search: Search = None, url: Url = DEFAULT_URL, as_json: Json = False) -> None:
-    """Let a paused campaign, or one search of it, go on."""
+    """Resume a paused campaign, or one search of it."""
     _control("resume", campaign, search, url, as_json)
 
 
@@ -48,10 +48,10 @@ def _control(verb: Verb, campaign: str, search: str | None, url: str, as_json: b
         print_json(view)
         return
     thing, state = f"Campaign {view.id} ({view.name})", str(view.state)
-    meant = [item for item in view.searches if search in (None, item.name)]
+    selected = [item for item in view.searches if search in (None, item.name)]
     if search is not None:
-        thing, state = f"Search {search} of campaign {view.id} ({view.name})", meant[0].state
-    n_running = sum(item.jobs.running for item in meant)
+        thing, state = f"Search {search} of campaign {view.id} ({view.name})", selected[0].state
+    n_running = sum(item.jobs.running for item in selected)
     running = f"; {n_running} jobs still run" if n_running and verb != "resume" else ""
     console.print(f"{thing} is {state}{running}.", highlight=False, markup=False)
 
@@ -62,7 +62,7 @@ def share(
     weight: Annotated[
         float | None,
         typer.Option(
-            min=1e-3, max=1e6, help="Part of the workers that a search gets, beside others of equal priority."
+            min=1e-3, max=1e6, help="Relative share of the workers among searches of equal priority."
         ),
     ] = None,
     priority: Annotated[
@@ -71,7 +71,7 @@ def share(
     url: Url = DEFAULT_URL,
     as_json: Json = False,
 ) -> None:
-    """Change when a campaign or one search of it gets workers, and how large a part of them."""
+    """Set the priority and weight by which a campaign or one search shares the workers."""
     if weight is priority is None:
         raise ClientError("share: expected --weight, --priority or both, got neither")
     if weight is not None and search is None:
@@ -104,15 +104,15 @@ def _watch(client: Client, campaign_id: int) -> None:
     with Live(terminal.progress(view), console=console, transient=True, auto_refresh=False) as live:
         for _ in events_of(client, campaign_id):
             began = time.monotonic()
-            view = _seen(client, campaign_id) or view
+            view = _current(client, campaign_id) or view
             if console.is_terminal:
                 live.update(terminal.progress(view), refresh=True)
             time.sleep(max(0.0, began + PERIOD_S - time.monotonic()))
     console.print(terminal.summary(client.campaign(campaign_id)))
 
 
-def _seen(client: Client, campaign_id: int) -> CampaignView | None:
-    """Return a campaign as it is now, or None where the coordinator cannot say."""
+def _current(client: Client, campaign_id: int) -> CampaignView | None:
+    """Return a campaign as it is now, or None while the coordinator is unavailable."""
     try:
         return client.campaign(campaign_id)
     except ClientError as error:
@@ -122,37 +122,37 @@ def _seen(client: Client, campaign_id: int) -> CampaignView | None:
 
 
 def events_of(client: Client, campaign_id: int) -> Iterator[EventView]:
-    """Return the events of a campaign until it ends: by a stream, and by asking where there is none.
+    """Yield the events of a campaign until it ends: streamed, or polled where there is no stream.
 
-    Whoever begins at a campaign that has ended gets its last event.
+    Of a campaign that has ended there is the last event alone.
     """
     last: int | None = None
-    heard = time.monotonic()
-    is_away = False
+    last_contact = time.monotonic()
+    is_waiting = False
     while True:
         try:
             for event in _newer(client, campaign_id, last):
-                last, heard = event.id, time.monotonic()
+                last, last_contact = event.id, time.monotonic()
                 yield event
                 if event.kind == "campaign" and event.data.get("state") in ENDED:
                     break
             if client.campaign(campaign_id).state in ENDED:
                 return
-            heard, is_away = time.monotonic(), False
+            last_contact, is_waiting = time.monotonic(), False
         except ClientError as error:
             if error.status in PASSING:
-                # It is there and its archive is not, which may last: said once, and waited for.
-                if not is_away:
-                    complain(f"{error}; waiting until it works again")
-                heard, is_away = time.monotonic(), True
-            elif error.status is not None or time.monotonic() - heard > PATIENCE_S:
-                # A coordinator may be started anew meanwhile, and goes on where it was.
+                # The coordinator answers but its archive does not, which may last: report once and wait.
+                if not is_waiting:
+                    print_error(f"{error}; waiting until it is available again")
+                last_contact, is_waiting = time.monotonic(), True
+            elif error.status is not None or time.monotonic() - last_contact > PATIENCE_S:
+                # For less than that a coordinator may be restarting; it continues where it was.
                 raise
         time.sleep(PERIOD_S)
 
 
 def _newer(client: Client, campaign_id: int, last: int | None) -> Iterator[EventView]:
-    """Return events until the stream ends, or those of one question where a stream is refused or breaks."""
+    """Yield events until the stream ends; poll once where a stream is refused or breaks."""
     try:
         for event in client.follow(campaign_id, last):
             last = event.id

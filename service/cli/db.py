@@ -1,15 +1,12 @@
-"""`coastarc db`: the archive as a whole; campaigns may go on while it is checked or backed up."""
+"""`coastarc db`: the archive as a whole; campaigns may run while it is checked or backed up."""
 
-import json
 import time
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
-from service.cli import terminal
-from service.cli.options import DATA, Data, Json
+from service.cli.options import DATA, Data, Json, show_checks
 from service.coordinator.lock import FolderLock
 from service.db.backup import backup, restore
 from service.db.engine import make_folder, place_of, shown
@@ -36,14 +33,15 @@ def upgrade_archive(
         bool, typer.Option("--no-backup", metavar="", help="Upgrade without a backup.")
     ] = False,
 ) -> None:
-    """Bring an archive of an older version to this one, after a backup; all or nothing."""
+    """Upgrade an archive of an older version to this one, after a backup; all or nothing."""
     place = place_of(data)
     if isinstance(place, Path) and not place.is_file():
         raise no_archive(place)
     with FolderLock(data):
         found = version_of(place)
         if found == SCHEMA_VERSION:
-            return _say(f"Archive {shown(place)} has schema version {found} already.")
+            typer.echo(f"Archive {shown(place)} has schema version {found} already.")
+            return
         if found is not None and not no_backup:
             if not isinstance(place, Path):
                 raise DatabaseError(
@@ -52,37 +50,29 @@ def upgrade_archive(
                 )
             file = backup_file or data / f"coastarc-version-{found}-{time.strftime('%Y%m%d-%H%M%S')}.db"
             backup(place, file)
-            _say(f"Backup:  {file}")
+            typer.echo(f"Backup:  {file}")
         upgrade(place)
-    _say(f"Archive {shown(place)} has schema version {SCHEMA_VERSION} now; it had {found or 'none'}.")
+    typer.echo(f"Archive {shown(place)} has schema version {SCHEMA_VERSION} now; it had {found or 'none'}.")
 
 
 @db.command("check")
 def check_archive(data: Data = DATA, as_json: Json = False) -> None:
     """Check file, references, tables and totals, and count the rows; exit code 1 where one failed."""
     checks = check(place_of(data))
-    if as_json:
-        typer.echo(json.dumps([entry.model_dump() for entry in checks], indent=2))
-    else:
-        rows = terminal.table("check", "state", "found", "what to do")
-        for entry in checks:
-            rows.add_row(entry.name, entry.state, entry.found, entry.advice)
-        Console().print(rows)
-    if any(entry.state == "failed" for entry in checks):
-        raise typer.Exit(1)
+    show_checks(checks, as_json)
 
 
 @db.command("repair")
 def repair_archive(
     data: Data = DATA,
     apply: Annotated[
-        bool, typer.Option("--apply", metavar="", help="Do it; without, only say what would be done.")
+        bool, typer.Option("--apply", metavar="", help="Repair; without it, only show what would be done.")
     ] = False,
 ) -> None:
-    """Set rows aside into a file that cannot be so, and count totals anew; nothing is lost.
+    """Move inconsistent rows into a file, and recount totals; nothing is lost.
 
-    What cannot stay without them goes with them: solves and certificates of a solution, the jobs that map
-    it.  Campaigns must not run meanwhile.
+    Rows that depend on them move with them: solves and certificates of a solution, and the jobs that map
+    it.  No campaign may run meanwhile.
     """
     place = place_of(data)
     with FolderLock(data):
@@ -91,20 +81,20 @@ def repair_archive(
         aside = repair(place, file if apply else None)
     for table, keys in aside.reasons.items():
         for key, why in list(keys.items())[:MOST_SHOWN]:
-            _say(f"{table} {', '.join(map(str, key))}: {why}")
+            typer.echo(f"{table} {', '.join(map(str, key))}: {why}")
     counts = ", ".join(f"{number} {table}" for table, number in aside.counts().items()) or "no rows"
     if apply:
         place_of_rows = f", into {file}" if file.exists() else ""
-        _say(f"Set aside: {counts}{place_of_rows}. Totals and tallies are counted anew.")
+        typer.echo(f"Set aside: {counts}{place_of_rows}. Totals and counters are recounted.")
     else:
-        _say(f"To be set aside: {counts}. Nothing has changed; repeat with --apply to do it.")
+        typer.echo(f"To be set aside: {counts}. Nothing has changed; repeat with --apply to do it.")
 
 
 def _require_repairable(checks: list[Check]) -> None:
     bad = [one for one in checks if one.state == "failed" and one.name not in ("totals", "content")]
     if bad:
         raise DatabaseError(
-            f"archive: expected a whole one, got {bad[0].name}: {bad[0].found}; {bad[0].advice}"
+            f"archive: expected an intact one, got {bad[0].name}: {bad[0].found}; {bad[0].advice}"
         )
 
 
@@ -112,9 +102,9 @@ def _require_repairable(checks: list[Check]) -> None:
 def back_up_archive(
     file: Annotated[Path, typer.Argument(help="New file for the backup.")], data: Data = DATA
 ) -> None:
-    """Write an archive to one file, as it is at one moment; campaigns go on meanwhile."""
+    """Write an archive to one file, a consistent snapshot; campaigns may run meanwhile."""
     backup(place_of(data), file)
-    _say(f"Backup: {file}, {file.stat().st_size / 1e6:.1f} MB; back with `coastarc db restore {file}`")
+    typer.echo(f"Backup: {file}, {file.stat().st_size / 1e6:.1f} MB; back with `coastarc db restore {file}`")
 
 
 @db.command("restore")
@@ -125,8 +115,4 @@ def restore_archive(file: Annotated[Path, typer.Argument(help="A backup.")], dat
     with FolderLock(data):
         version = restore(file, place)
     news = "" if version == SCHEMA_VERSION else "; bring it to this version with `coastarc db upgrade`"
-    _say(f"Archive {shown(place)} is that of {file}, schema version {version}{news}.")
-
-
-def _say(message: str) -> None:
-    typer.echo(message)
+    typer.echo(f"Archive {shown(place)} is that of {file}, schema version {version}{news}.")

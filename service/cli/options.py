@@ -1,8 +1,9 @@
-"""What commands share: options, the coordinator to ask, and how answers are printed."""
+"""What commands share: options, the client of a coordinator, and printing of answers."""
 
 import json
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,6 +14,8 @@ from rich.console import Console
 from rich.table import Table
 
 from core.plain_data import read_text
+from service.cli import terminal
+from service.schemas.answer import Check
 from service.settings import Settings, SettingsError
 
 if TYPE_CHECKING:
@@ -34,13 +37,13 @@ MaybeUrl = Annotated[
     typer.Option(help="Ask this coordinator, instead of reading the archive.", envvar="COASTARC_URL"),
 ]
 
-# What is piped into a file has no width to respect.
+# Output that is piped into a file has no terminal width.
 console = Console(width=None if sys.stdout.isatty() else 140)
 
 
 def client_of(url: str) -> "Client":
     """Return a client with the token of the environment."""
-    # Imported here: who reads an archive needs no HTTP.
+    # Imported here: reading an archive needs no HTTP.
     from service.client import Client
 
     return Client(url, token_of(None))
@@ -65,6 +68,16 @@ def print_json(content: Any) -> None:
     """Print an answer as JSON."""
     plain = content.model_dump(mode="json") if isinstance(content, BaseModel) else content
     typer.echo(json.dumps(TypeAdapter(Any).dump_python(plain, mode="json"), indent=2))
+
+
+def show_checks(checks: Sequence[Check], as_json: bool) -> None:
+    """Print checks as JSON or as a table; exit with code 1 if one failed."""
+    rows = terminal.table("check", "state", "found", "what to do")
+    for check in checks:
+        rows.add_row(check.name, check.state, check.found, check.advice)
+    show(checks, rows, as_json)
+    if any(check.state == "failed" for check in checks):
+        raise typer.Exit(1)
 
 
 def show(content: Any, table: Table, as_json: bool) -> None:

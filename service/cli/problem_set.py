@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from service.cli import terminal
-from service.cli.options import Json, console, print_json
+from service.cli.options import Json, console, print_json, show_checks
 from service.problem_set import FOLDER, BenchmarkError, BenchmarkSet, read_set
 
 benchmark = typer.Typer(
@@ -21,7 +21,7 @@ CaseNames = Annotated[list[str] | None, typer.Option("--case", help="Only this c
 
 @benchmark.command()
 def show(folder: Folder = FOLDER, as_json: Json = False) -> None:
-    """Show the problems of a set and the solution to beat of each, as it is written there."""
+    """Show the problems of a set and the solution to beat of each, as its files say."""
     found = read_set(folder)
     cases = [_case_fields(found, name) for name in (case.name for case in found.cases)]
     if as_json:
@@ -54,19 +54,11 @@ def _case_fields(found: BenchmarkSet, name: str) -> dict[str, Any]:
 
 @benchmark.command()
 def check(folder: Folder = FOLDER, case: CaseNames = None, as_json: Json = False) -> None:
-    """Check a set from its files alone: every solution is flown again; exit code 1 where one thing fails."""
+    """Check a set from its files alone: every solution is verified again; exit code 1 if a check fails."""
     from service.problem_set import check_set
 
     checks = list(check_set(read_set(folder), tuple(case or ())))
-    if as_json:
-        print_json([entry.model_dump() for entry in checks])
-    else:
-        rows = terminal.table("check", "state", "found", "what to do")
-        for entry in checks:
-            rows.add_row(entry.name, entry.state, entry.found, entry.advice)
-        console.print(rows)
-    if any(entry.state == "failed" for entry in checks):
-        raise typer.Exit(1)
+    show_checks(checks, as_json)
 
 
 @benchmark.command()
@@ -76,7 +68,7 @@ def judge(
     folder: FolderOption = FOLDER,
     as_json: Json = False,
 ) -> None:
-    """Fly a solution from elsewhere and compare it with that of the set; exit code 1 if it is not strict."""
+    """Verify a solution from elsewhere and compare it with the set's; exit code 1 if it is not strict."""
     from service.problem_set import judge as judged
 
     found = judged(read_set(folder).case(case), vector)
@@ -86,7 +78,7 @@ def judge(
         worst = found.failure or f"worst defect {100 * found.violation:.1f} % of the tolerance"
         console.print(f"{'Strict' if found.is_strict else 'Not strict'}: {worst}.", highlight=False)
         console.print(
-            f"{found.propellant_kg:.3f} kg of propellant, {found.excess_kg:+.3f} kg beside that of the set "
+            f"{found.propellant_kg:.3f} kg of propellant, {found.excess_kg:+.3f} kg compared with the set's "
             f"{found.best_known_kg:.3f} kg.",
             highlight=False,
         )

@@ -11,18 +11,16 @@ import typer
 from pydantic import SecretStr
 
 from core.errors import UserError
-from service.cli import terminal
-from service.cli.options import DATA, DEFAULT_PORT, WORKERS, Data, Json, Url, show, token_of
+from service.cli.options import DATA, DEFAULT_PORT, WORKERS, Data, Json, Url, show_checks, token_of
 from service.doctor import check_all
 from workers.dispatch import EXECUTOR_LOST, RUNNER, DispatchOrder, ExecutorKind, dispatch, stop_on_signals
 from workers.executor import ExecutorError, ExecutorLostError
 
-#: Of what is worked on elsewhere, a dispatcher needs neither archive nor page.
 Address = Annotated[str, typer.Option(help="Ray cluster to join, as host:port; local starts one.")]
 
 
 class DispatchError(UserError, RuntimeError):
-    """Options of a dispatcher that do not go together."""
+    """Options of a dispatcher that exclude each other."""
 
 
 def dispatch_command(
@@ -57,7 +55,9 @@ def dispatch_command(
     )
     stop = threading.Event()
     stop_on_signals(stop)
-    typer.echo(f"Working for {url} by executor {executor.value}; Ctrl-C hands in what there is.", err=True)
+    typer.echo(
+        f"Working for {url} by executor {executor.value}; Ctrl-C stops it and reports its results.", err=True
+    )
     try:
         dispatch(order, stop)
     except ExecutorLostError as error:
@@ -79,14 +79,9 @@ def _n_workers(executor: ExecutorKind, workers: int | None, address: str) -> int
 
 def doctor(
     data: Data = DATA,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to look at.")] = DEFAULT_PORT,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to check.")] = DEFAULT_PORT,
     as_json: Json = False,
 ) -> None:
     """Check this installation, and say what to do where something is missing."""
     checks = check_all(data, port)
-    rows = terminal.table("check", "state", "found", "what to do")
-    for check in checks:
-        rows.add_row(check.name, check.state, check.found, check.advice)
-    show(checks, rows, as_json)
-    if any(check.state == "failed" for check in checks):
-        raise typer.Exit(1)
+    show_checks(checks, as_json)

@@ -26,7 +26,7 @@ StatisticsJson = Annotated[
 
 
 class ReportError(UserError, RuntimeError):
-    """A place that no report can be written to."""
+    """A place to which no report can be written."""
 
 
 def report(
@@ -36,7 +36,7 @@ def report(
     as_json: StatisticsJson = False,
 ) -> None:
     """Write the report of a campaign, finished or not: one HTML page, and its figures and tables."""
-    # Drawing takes a second to import, and other commands do not draw.
+    # Importing matplotlib takes a second.
     from service.report import tables_as_json, write_report
 
     with Store(data, read_only=True) as store:
@@ -55,11 +55,11 @@ def report(
 
 
 def folder_name(name: str) -> str:
-    """Return the folder of a report: the campaign's name without what a file system may refuse."""
+    """Return the folder of a report: the campaign's name without characters that a file system may refuse."""
     return "report-" + (re.sub(r"[^A-Za-z0-9._-]+", "-", name).strip("-.") or "campaign")
 
 
-#: What is shown of both sides: words, field and digits.
+#: Rows of the table: label, field and digits.
 ROWS = (
     ("propellant with the spiral, kg", "propellant_total_kg", 1),
     ("propellant of the transfer, kg", "propellant_kg", 1),
@@ -72,7 +72,7 @@ ROWS = (
 
 
 class ExampleError(UserError, RuntimeError):
-    """An example that did not come out on this machine."""
+    """An example whose solve failed on this machine."""
 
 
 example = typer.Typer(help="Run an example from end to end.", no_args_is_help=True)
@@ -82,17 +82,17 @@ FigureFolder = Annotated[Path, typer.Option(help="Folder for the figure, as SVG 
 
 @example.callback()
 def _examples() -> None:
-    """Keep the name of the one command."""
+    """Keep the name of the only subcommand."""
 
 
 @example.command("motivating")
 def motivating_command(out: FigureFolder = Path("motivating"), as_json: Json = False) -> None:
-    """Fly a nominal transfer, lose its first burn to an outage of 60 hours, and recover.
+    """Solve a nominal transfer, lose its first burn to an outage of 60 hours, and recover.
 
     This is the example that the paper begins with; it takes a quarter of a minute. With --json it prints the
     numbers and draws nothing.
     """
-    # Its imports take seconds, which the other commands need not wait for.
+    # Importing it takes seconds, which other commands need not wait for.
     from service.report.paper.motivating import ExampleFailedError, motivating
 
     if not as_json:

@@ -1,4 +1,4 @@
-"""`coastarc run` and `coastarc serve`: campaigns on this machine, and what is shown meanwhile.
+"""`coastarc run` and `coastarc serve`: work on campaigns on this machine, and show their progress.
 
 `coastarc submit`: a campaign for a running coordinator.
 """
@@ -15,7 +15,7 @@ from rich.live import Live
 
 from service import logs
 from service.cli import terminal
-from service.cli.command import complain
+from service.cli.command import print_error
 from service.cli.options import (
     DATA,
     DEFAULT_PORT,
@@ -40,13 +40,13 @@ from service.spec.spec_check import require_flyable
 from service.store.store import Store
 from workers.dispatch import RUNNER, ExecutorKind
 
-Host = Annotated[str, typer.Option(help="Address to serve on; another than loopback asks for tokens.")]
+Host = Annotated[str, typer.Option(help="Address to listen on; any other than loopback requires tokens.")]
 Executor = Annotated[ExecutorKind, typer.Option(help="What runs the jobs.")]
 
-#: How often the terminal is drawn again, and a log gets a line [s].
+#: Periods of redrawing the terminal, and of lines in a log [s].
 TERMINAL_PERIOD_S = 1.0
 LOG_PERIOD_S = 20.0
-#: How often it is asked whether all is done [s].
+#: Period of checking whether a campaign has ended [s].
 STATE_PERIOD_S = 0.5
 
 
@@ -61,20 +61,20 @@ def run(
     """Run a campaign on this machine to its end; the same command goes on after an interruption."""
     specification = load_spec(spec)
     require_flyable(specification.problem)
-    # The terminal shows how far it is; a line beside that is for what goes wrong.
+    # The terminal shows progress; log lines are for problems.
     logs.configure(level="WARNING")
     with Coordinator(data, host, port) as coordinator:
         campaign_id, is_new = coordinator.store.submit(specification)
         if n_revived := coordinator.store.revive(campaign_id):
             console.print(f"{n_revived} jobs that failed before are tried again.")
-        is_finished = _go_on(coordinator, campaign_id, is_new, crew_of(executor, workers))
+        is_finished = _resume(coordinator, campaign_id, is_new, worker_setup(executor, workers))
         view = coordinator.store.campaign(campaign_id)
         dead = coordinator.store.jobs(campaign_id, None, "dead", limit=1).items
     _conclude(view, dead, is_finished, data)
 
 
-def _go_on(coordinator: Coordinator, campaign_id: int, is_new: bool, crew: WorkerSetup) -> bool:
-    """Run what is left of a campaign; return whether it is at its end."""
+def _resume(coordinator: Coordinator, campaign_id: int, is_new: bool, setup: WorkerSetup) -> bool:
+    """Run what is left of a campaign; return whether it has ended."""
     state = coordinator.store.campaign(campaign_id).state
     if state in ENDED:
         how = "run" if state == "done" else "cancelled"
@@ -82,17 +82,17 @@ def _go_on(coordinator: Coordinator, campaign_id: int, is_new: bool, crew: Worke
         return True
     announce(console, coordinator, f"/campaigns/{campaign_id}")
     if not is_new:
-        console.print(f"Going on with campaign {campaign_id}, which was begun before.")
+        console.print(f"Resuming campaign {campaign_id}.")
     if state == "paused":
         coordinator.store.control_campaign(campaign_id, "resume")
-    return run_to_end(console, coordinator, campaign_id, crew)
+    return run_to_end(console, coordinator, campaign_id, setup)
 
 
 def _conclude(view: CampaignView, dead: list[JobView], is_finished: bool, data: Path) -> None:
     console.print(terminal.summary(view))
     if dead:
         n_dead = sum(search.jobs.dead for search in view.searches)
-        complain(f"{n_dead} jobs failed, the first with: {dead[0].error}")
+        print_error(f"{n_dead} jobs failed, the first with: {dead[0].error}")
         raise typer.Exit(1)
     if not is_finished:
         console.print("Interrupted; every result is kept, and the same command goes on.")
@@ -124,24 +124,32 @@ def serve(
     logs.configure()
     with Coordinator(data, host, port) as coordinator:
         announce(console, coordinator)
-        serve_until_interrupted(coordinator, crew_of(executor, workers))
+        serve_until_interrupted(coordinator, worker_setup(executor, workers))
 
 
-def crew_of(executor: ExecutorKind, n_workers: int) -> WorkerSetup:
-    """Return what a dispatcher of this machine works with."""
+def worker_setup(executor: ExecutorKind, n_workers: int) -> WorkerSetup:
+    """Return the settings of a dispatcher on this machine."""
     return WorkerSetup(n_workers, executor, RUNNER)
 
 
+def reopen(store: Store, campaign_id: int) -> bool:
+    """Retry the failed jobs of a campaign and resume it if it is paused; return whether it is to be run."""
+    store.revive(campaign_id)
+    if store.campaign_state(campaign_id) == "paused":
+        store.control_campaign(campaign_id, "resume")
+    return store.campaign_state(campaign_id) not in ENDED
+
+
 def announce(console: Console, coordinator: Coordinator, page: str = "") -> None:
-    """Print where to look; `page` is the path of one below the address."""
+    """Print the address of the page, with a path below it, and the place of the archive."""
     console.print(f"Live page: {coordinator.url}{page}", highlight=False, soft_wrap=True)
     console.print(f"Archive:   {coordinator.store.folder}", highlight=False, soft_wrap=True, markup=False)
 
 
-def run_to_end(console: Console, coordinator: Coordinator, campaign_id: int, crew: WorkerSetup) -> bool:
-    """Work on a campaign and show how far it is; return whether it finished, and was not interrupted."""
+def run_to_end(console: Console, coordinator: Coordinator, campaign_id: int, setup: WorkerSetup) -> bool:
+    """Work on a campaign and show its progress; return False after an interruption."""
     try:
-        coordinator.work(crew, campaign_id)
+        coordinator.work(setup, campaign_id)
         _follow(console, coordinator, campaign_id)
     except KeyboardInterrupt:
         console.print("Stopping; running solves hand in what they have ...")
@@ -158,9 +166,9 @@ def _follow(console: Console, coordinator: Coordinator, campaign_id: int) -> Non
             time.sleep(STATE_PERIOD_S)
             coordinator.raise_fault()
             if time.monotonic() < next_look:
-                # The whole view asks a lot of the archive, and the processor is for the solves.
+                # Reading the whole view is expensive, and the processor is for the solves.
                 continue
-            # From now: a machine that slept would else get a line for every period that it missed.
+            # From now on: after a suspend there would else be a line for every period missed.
             next_look = time.monotonic() + period
             try:
                 _show(console, live, store.campaign(campaign_id))
@@ -184,16 +192,16 @@ def _has_ended(store: Store, campaign_id: int) -> bool:
     try:
         return store.campaign_state(campaign_id) in ENDED
     except UnavailableError as error:
-        # The database may come back; what workers have done meanwhile, they keep.
+        # The database may come back; until then workers keep their results.
         store.outage.tell(error)
         return False
 
 
-def serve_until_interrupted(coordinator: Coordinator, crew: WorkerSetup) -> None:
-    """Work on all campaigns until Ctrl-C; without workers of its own, leave that to dispatchers elsewhere."""
+def serve_until_interrupted(coordinator: Coordinator, setup: WorkerSetup) -> None:
+    """Serve until Ctrl-C, and work on all campaigns unless that is left to dispatchers elsewhere."""
     try:
-        if crew.n_workers != 0:
-            coordinator.work(crew)
+        if setup.n_workers != 0:
+            coordinator.work(setup)
         while True:
             time.sleep(STATE_PERIOD_S)
             coordinator.raise_fault()
@@ -205,7 +213,8 @@ def submit(
     spec: SpecFile,
     url: Url = DEFAULT_URL,
     key: Annotated[
-        str | None, typer.Option(help="Any text; repeated with it, a submission counts once.")
+        str | None,
+        typer.Option(help="Idempotency key: repeated with the same text, a submission counts once."),
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -215,7 +224,7 @@ def submit(
     if as_json:
         print_json(campaign)
     else:
-        news = "submitted" if is_new else "is already there"
+        news = "submitted" if is_new else "exists already"
         console.print(f"Campaign {campaign.id} ({campaign.name}) {news}; watch it at {url}")
         is_planned = all(one.seeds_from or one.state != "waiting" for one in campaign.searches)
         if is_new and not is_planned:

@@ -26,14 +26,13 @@ from service.cli.options import (
     console,
     print_json,
 )
-from service.cli.run import crew_of, run_to_end
+from service.cli.run import reopen, run_to_end, worker_setup
 from service.cli.terminal import (
     summary_line,
     verified_list,
     verify_progress_line,
 )
 from service.coordinator import Coordinator
-from service.db.transitions import ENDED
 from service.new_file import write_new
 from service.schemas.solution import Reproduction
 from service.solutions.export import ALL, ExportFormat, Wanted, export_solution
@@ -64,9 +63,9 @@ BodyId = Annotated[
     int, typer.Option(min=-(10**8), max=-1, help="SPK id of the reference; realization i has i less.")
 ]
 
-#: So many good solutions are listed one by one; of more, only those that are not good.
+#: With more good solutions than this, only those that failed are listed.
 MOST_LISTED = 50
-#: The line of progress is drawn anew this often at most [s].
+#: Shortest period of redrawing the line of progress [s].
 PERIOD_S = 0.5
 
 
@@ -117,9 +116,9 @@ def refine_command(
     data: Data = DATA,
     as_json: Json = False,
 ) -> None:
-    """Solve a solution again in more segments, each step from the one before, and say what mass is gained.
+    """Solve a solution again in more segments, each step from the one before, and show the gain in mass.
 
-    The guess is the flight of the seed, unchanged; each result is kept with its lineage.
+    The guess is the trajectory of the seed, unchanged; each result is stored with its lineage.
     Exit code 1 if a step finds no solution.
     """
     logs.configure(level="WARNING")
@@ -128,7 +127,7 @@ def refine_command(
     check_segments(steps[0].n_segments, segments)
     limits = {"max_iterations": max_iterations, "cpu_seconds": cpu_seconds, "integrator_tolerance": tolerance}
     given = {name: value for name, value in limits.items() if value is not None}
-    # Beside JSON a line of progress would stand in the way.
+    # Lines of progress must not be mixed with the JSON.
     shown = Console(file=io.StringIO()) if as_json else console
     fault = next((fault for n in segments if (fault := _refine(shown, data, steps, n, given))), None)
     print_json([step.model_dump() for step in steps]) if as_json else console.print(_rows(steps))
@@ -147,12 +146,9 @@ def _refine(
         spec = refinement_spec(store, store.record(steps[-1].solution_id), n_segments, limits)
         require_flyable(spec.problem)
         campaign_id, _ = store.submit(spec)
-        store.revive(campaign_id)
-        if store.campaign_state(campaign_id) not in ENDED:
-            if store.campaign_state(campaign_id) == "paused":
-                store.control_campaign(campaign_id, "resume")
-            if not run_to_end(shown, coordinator, campaign_id, crew_of(ExecutorKind.PROCESS, 1)):
-                return 130, "Interrupted; what was found is kept, and the same command goes on."
+        setup = worker_setup(ExecutorKind.PROCESS, 1)
+        if reopen(store, campaign_id) and not run_to_end(shown, coordinator, campaign_id, setup):
+            return 130, "Interrupted; results are kept, and the same command resumes."
         best = best_of(store, campaign_id)
         if best is None:
             return 1, (
@@ -188,10 +184,10 @@ def reproduce_command(
     url: MaybeUrl = None,
     as_json: Json = False,
 ) -> None:
-    """Run the job of a solution again on this machine and compare every bit; exit code 1 if one differs."""
-    wanted = _wanted(solution, data, url)
+    """Rerun the job of a solution on this machine and compare every bit; exit code 1 if one differs."""
+    wanted = _reproduction(solution, data, url)
     if not as_json:
-        console.print(_about(wanted), highlight=False, markup=False)
+        console.print(_job_text(wanted), highlight=False, markup=False)
     comparison = reproduce(wanted, _runner)
     if as_json:
         print_json(comparison)
@@ -201,7 +197,7 @@ def reproduce_command(
         raise typer.Exit(1)
 
 
-def _wanted(solution: str, data: Data, url: str | None) -> Reproduction:
+def _reproduction(solution: str, data: Data, url: str | None) -> Reproduction:
     if url is not None:
         with client_of(url) as client:
             return client.reproduction(solution)
@@ -210,13 +206,13 @@ def _wanted(solution: str, data: Data, url: str | None) -> Reproduction:
 
 
 def _runner(job: Job) -> JobOutcome:
-    # Its import takes seconds, which the other commands need not wait for.
+    # Importing it takes seconds, which other commands need not wait for.
     from workers.run import run_job
 
     return run_job(job)
 
 
-def _about(wanted: Reproduction) -> str:
+def _job_text(wanted: Reproduction) -> str:
     place = wanted.job.address
     what = f"{wanted.job.n_hops} solves" if wanted.job.kind == "hop" else f"1 solve, {wanted.job.mapping}"
     took = f"the last took {wanted.cpu_seconds:.1f} s of processor time"
@@ -229,7 +225,7 @@ def _about(wanted: Reproduction) -> str:
 def _show_comparison(comparison: Comparison) -> None:
     console.print(verdict(comparison), highlight=False, markup=False)
     if not comparison.differences:
-        console.print("Code, packages, kernels and host are the same as then.")
+        console.print("Code, packages, kernels and host are unchanged.")
         return
     rows = terminal.table("differs", "then", "now")
     for difference in comparison.differences:
@@ -256,22 +252,22 @@ def verify_command(
         typer.Option(
             "--stale",
             metavar="",
-            help="Leave out those found sound with this code, these packages, this altitude.",
+            help="Skip those found sound with this code, these packages, this altitude.",
         ),
     ] = False,
     with_heyoka: Annotated[
         bool,
         typer.Option(
-            "--with-heyoka", metavar="", help="Fly through a third time, by heyoka's Taylor series."
+            "--with-heyoka", metavar="", help="Propagate end to end by heyoka's Taylor series, too."
         ),
     ] = False,
     workers: Workers = WORKERS,
     as_json: Json = False,
 ) -> None:
-    """Fly solutions again by an independent integrator, and store a certificate of each.
+    """Verify solutions by an independent integrator, and store a certificate of each.
 
-    Exit code 1 if one fails: its defects hold no tolerance, or a looser one than archived; or it passes low.
-    After an interruption what was done is kept, and with --stale the same command goes on with the rest.
+    Exit code 1 if one fails: it meets no tolerance, or a looser one than archived, or passes too low.
+    Results survive an interruption; repeat the command with --stale to verify the rest.
     """
     if with_heyoka:
         require_heyoka()
@@ -280,7 +276,7 @@ def verify_command(
         ids = wanted_ids(store, solution or [], campaign, is_all)
         left = fresh_ids(store, ids, asked) if is_stale else ids
         found = verify_solutions(store, left, asked, min(workers, len(left)) or 1)
-        items, is_complete = _followed(found, len(left), is_quiet=as_json)
+        items, is_complete = _collect(found, len(left), is_quiet=as_json)
     summary = Summary(
         n_wanted=len(ids),
         n_verified=len(items),
@@ -296,8 +292,8 @@ def verify_command(
         raise typer.Exit(1)
 
 
-def _followed(found: Iterator[Verified], n: int, is_quiet: bool) -> tuple[list[Verified], bool]:
-    """Return what was found, with a line of progress meanwhile, and whether it came to its end."""
+def _collect(found: Iterator[Verified], n: int, is_quiet: bool) -> tuple[list[Verified], bool]:
+    """Collect verifications, showing a line of progress; also return whether they came to their end."""
     items: list[Verified] = []
     began = drawn = time.monotonic()
     with Live("", console=console, transient=True, auto_refresh=False) as live:

@@ -1,4 +1,4 @@
-"""`coastarc solutions`: list and show them; what needs the numerics is in `service.cli.solution_commands`."""
+"""`coastarc solutions`: list and show them; `solution_commands` has what needs the numerics."""
 
 from typing import Annotated
 
@@ -24,16 +24,15 @@ from service.store.filters import Order, Sort, filter_of
 LATER = {
     "reproduce": (
         "service.cli.solution_commands:reproduce_command",
-        "Run the job of a solution again on this machine and compare every bit; exit code 1 if one differs.",
+        "Rerun the job of a solution on this machine and compare every bit; exit code 1 if one differs.",
     ),
     "verify": (
         "service.cli.solution_commands:verify_command",
-        "Fly solutions again by an independent integrator, and store a certificate of each.",
+        "Verify solutions by an independent integrator, and store a certificate of each.",
     ),
     "refine": (
         "service.cli.solution_commands:refine_command",
-        "Solve a solution again in more segments, each step from the one before, "
-        "and say what mass is gained.",
+        "Solve a solution again in more segments, each step from the one before, and show the gain in mass.",
     ),
     "export": (
         "service.cli.solution_commands:export_command",
@@ -43,7 +42,9 @@ LATER = {
 
 CampaignName = Annotated[str | None, typer.Option(help="Id or name of a campaign.")]
 
-solutions = typer.Typer(help="Look at solutions, find them again, take them away.", no_args_is_help=True)
+solutions = typer.Typer(
+    help="List, show, verify, reproduce, refine and export solutions.", no_args_is_help=True
+)
 
 
 @solutions.command("list")
@@ -80,7 +81,7 @@ def list_solutions(
     if records or as_json:
         show(records, terminal.solution_list(records), as_json)
     else:
-        console.print("No solution of this archive is so.")
+        console.print("No solution in this archive matches.")
 
 
 @solutions.command("show")

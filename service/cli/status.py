@@ -38,25 +38,25 @@ class Readable(Protocol):
 
 
 class Status(Answer):
-    """Everything at a glance: what `coastarc status --json` prints."""
+    """An overview: what `coastarc status --json` prints."""
 
-    #: Those that may go on with their searches, rates and times left.
+    #: Those that have not ended come with searches, rate and time left.
     campaigns: list[CampaignView | CampaignItem]
-    #: Those seen within a lease, with the leases of what they hold.
+    #: Those seen within the time of a lease, with the leases of their jobs.
     workers: list[WorkerView]
-    #: The first of those given up.
+    #: The first of those that will not be retried.
     dead_jobs: list[JobView]
 
 
 class CampaignStatus(CampaignView):
-    """One campaign at a glance: what `coastarc status --campaign ID --json` prints."""
+    """One campaign: what `coastarc status --campaign ID --json` prints."""
 
     dead_jobs: list[JobView]
 
 
 @contextmanager
 def readable(data: Data, url: str | None) -> Iterator[Readable]:
-    """Give the coordinator if one is named, and else the archive."""
+    """Open the coordinator if one is named, or else the archive."""
     if url is not None:
         with client_of(url) as client:
             yield client
@@ -81,7 +81,7 @@ def status(
         console.print(terminal.summary(found))
     else:
         console.print(terminal.campaign_list(found.campaigns))
-        console.print(terminal.worker_list(found.workers) if found.workers else "No worker is there.")
+        console.print(terminal.worker_list(found.workers) if found.workers else "No workers.")
     if found.dead_jobs:
         console.print(terminal.dead_jobs(found.dead_jobs))
 
@@ -100,5 +100,5 @@ def _one(source: Readable, campaign_id: int) -> CampaignStatus:
 
 
 def _with_rate(source: Readable, item: CampaignItem) -> CampaignView | CampaignItem:
-    # Rates are counted anew for each question, so only where they say something.
+    # Rates are computed at each request, so only for campaigns that have not ended.
     return source.campaign(item.id) if item.state not in ENDED else item

@@ -30,7 +30,7 @@ BOUNDS = {"loose": "1 km, 100 m/s, 1 kg", "strict": "0.1 km, 0.1 m/s, 0.01 kg"}
 
 
 def table(*columns: str, title: str | None = None) -> Table:
-    """Return a table in the house's style: light, so that eighty columns hold a campaign."""
+    """Return a table in the common style: light, so that eighty columns hold a campaign."""
     rows = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for column in columns:
         rows.add_column(column, overflow="fold")
@@ -70,9 +70,9 @@ def ratio(n_feasible: int, n_guesses: int) -> str:
 
 
 def progress(view: CampaignView) -> Table:
-    """Return what changes while a campaign runs."""
+    """Return the progress of a campaign."""
     gone = _duration(view.elapsed_seconds)
-    title = f"{view.name}: {gone} gone, {_left(view)} left, {view.rate_per_min:.1f} solves/min"
+    title = f"{view.name}: {gone} elapsed, {_left(view)} left, {view.rate_per_min:.1f} solves/min"
     rows = table("search", "strategy", "solves", "running", "strict", "best, kg", title=title)
     for search in view.searches:
         rows.add_row(
@@ -92,7 +92,7 @@ def _solves(search: SearchView) -> str:
 
 
 def progress_line(view: CampaignView) -> str:
-    """Return the same in one line, for logs: the searches that go on, and how many have ended."""
+    """Return the same in one line, for logs: the running searches, and how many have ended."""
     parts = [
         f"{search.name} {_solves(search)} solves, {search.n_strict} strict"
         for search in view.searches
@@ -104,7 +104,7 @@ def progress_line(view: CampaignView) -> str:
 
 
 def campaign_list(items: Sequence[CampaignItem]) -> Table:
-    """Return the campaigns, with rate and time left of those that go on."""
+    """Return the campaigns, with rate and time left of those that run."""
     rows = table("id", "name", "state", "jobs", "solves", "found", "best, km/s", "1/min", "left")
     for item in items:
         best = _shown(item.best_delta_v_km_s, 4)
@@ -121,7 +121,7 @@ def _left(view: CampaignView) -> str:
 
 
 def worker_list(workers: Sequence[WorkerView]) -> Table:
-    """Return workers and how long their shortest leases still run."""
+    """Return workers, with the time until the first of their leases expires."""
     rows = table("worker", "executor", "slots", "jobs", "seen, s ago", "lease, s")
     now = datetime.now(UTC)
     for worker in workers:
@@ -134,7 +134,7 @@ def worker_list(workers: Sequence[WorkerView]) -> Table:
 
 
 def shares(campaign: CampaignView) -> Table:
-    """Return in which order and by which weights the searches of a campaign share the workers."""
+    """Return the priorities and weights of the searches of a campaign."""
     rows = table("search", "strategy", "state", "priority", "weight", title=f"priority {campaign.priority}")
     for search in campaign.searches:
         share = (str(search.priority), f"{search.weight:g}")
@@ -143,7 +143,7 @@ def shares(campaign: CampaignView) -> Table:
 
 
 def dead_jobs(jobs: Sequence[JobView]) -> Table:
-    """Return jobs that were given up, with the first line of the reason."""
+    """Return jobs that will not be retried, with the first line of the reason."""
     rows = table("dead job", "campaign", "attempts", "ending", "reason")
     for job in jobs:
         rows.add_row(
@@ -189,7 +189,7 @@ def solution_list(records: Sequence[Record]) -> Table:
 
 
 def level_of(record: Record) -> str:
-    """Return the tolerance that a solution holds, and whether only just."""
+    """Return the tolerance level of a solution, and whether it is marginal."""
     level = "strict" if record.strict else "loose" if record.paper else "infeasible"
     return f"{level}, marginal" if record.is_marginal else level
 
@@ -202,12 +202,12 @@ def _duration(seconds: float) -> str:
     return str(timedelta(seconds=round(seconds)))
 
 
-#: Rows of a defect: what they are of, and their unit.
+#: Rows of a defect by their unit.
 PARTS = {"km": slice(0, 3), "km/s": slice(3, 6), "kg": slice(6, 7)}
 
 
 def print_record(console: Console, record: Record) -> None:
-    """Print a solution but for its vector, which is in the JSON."""
+    """Print a solution without its vector, which is in the JSON."""
     console.print(Text.assemble((record.id, "bold"), f"  {record.strategy}, verified as {level_of(record)}"))
     for name, words in _facts(record):
         console.print(Text.assemble((f"{name:<15}", "bold"), words), soft_wrap=True)
@@ -217,7 +217,7 @@ def print_record(console: Console, record: Record) -> None:
 def _facts(record: Record) -> Iterator[tuple[str, str]]:
     outages = [f"{outage.duration_days:g} d at segment {outage.segment}" for outage in record.outages]
     yield "outages", ", ".join(outages) or "none"
-    spent = f"{record.delta_v_total_km_s:.4f} km/s with what came before it"
+    spent = f"{record.delta_v_total_km_s:.4f} km/s from the wet mass on"
     yield "delta-v", f"{record.delta_v_km_s:.4f} km/s; {spent}"
     yield "propellant", f"{record.propellant_kg:.2f} kg; {record.objective_kg:.2f} kg arrive"
     parts = (record.initial_coast_days, record.shooting_days, record.final_coast_days)
@@ -228,7 +228,7 @@ def _facts(record: Record) -> Iterator[tuple[str, str]]:
     yield "arrival", f"{record.arrival_epoch} TDB"
     lowest = (("Earth", record.earth_altitude_km), ("Moon", record.moon_altitude_km))
     passes = [f"{altitude:,.0f} km over the {body}" for body, altitude in lowest if altitude is not None]
-    yield "lowest", ", ".join(passes) or "not looked at; `coastarc solutions verify` does"
+    yield "lowest", ", ".join(passes) or "not computed; `coastarc solutions verify` does it"
     yield "problem", record.problem_hash
     yield "found by", f"search {record.search} of campaign {record.campaign_id}"
     yield "seed", f"{record.seed_id}, mapped by {record.mapping}" if record.seed_id else "none: drawn"
@@ -242,7 +242,7 @@ def _facts(record: Record) -> Iterator[tuple[str, str]]:
 
 
 def _defects(record: Record) -> Table:
-    """Return the norms of the defects at the matchpoints, solved beside verified."""
+    """Return the norms of the defects at the matchpoints, by the solver and by the verifier."""
     columns = [f"{by}\n{unit}" for by in ("solved", "verified") for unit in PARTS]
     rows = table("defects of", *columns)
     for i, pair in enumerate(zip(record.defects_solved, record.defects_verified, strict=True)):
@@ -256,7 +256,7 @@ def _norms(row: list[float]) -> list[float]:
 
 
 def verify_progress_line(items: "Sequence[Verified]", n: int, gone_s: float) -> str:
-    """Return how far a verification is."""
+    """Return the progress of a verification."""
     n_failed = sum(not item.is_good for item in items)
     left = timedelta(seconds=round(gone_s / len(items) * (n - len(items))))
     return f"{len(items)} of {n} verified, {n_failed} failed, {gone_s / len(items):.1f} s each, {left} left"
@@ -279,19 +279,19 @@ def verified_list(items: "Sequence[Verified]") -> Table:
 
 
 def summary_line(summary: "Summary") -> str:
-    """Return what a verification came to."""
+    """Return the totals of a verification."""
     misses = sorted(item.arrival_miss_km for item in summary.items if item.arrival_miss_km is not None)
     parts = [f"{summary.n_verified} verified, {summary.n_failed} failed"]
     if summary.n_skipped:
-        parts.append(f"{summary.n_skipped} left out, found sound before")
+        parts.append(f"{summary.n_skipped} skipped, found sound before")
     if misses:
         middle = misses[len(misses) // 2]
         parts.append(f"miss at arrival: median {middle:.3g} km, largest {misses[-1]:.3g} km")
     thirds = [item.third_apart_km for item in summary.items if item.third_apart_km is not None]
     if thirds:
-        parts.append(f"heyoka is at most {max(thirds):.3g} km away")
+        parts.append(f"heyoka differs by at most {max(thirds):.3g} km")
     if not summary.is_complete:
-        parts.append("interrupted; what was done is kept, and --stale goes on with the rest")
+        parts.append("interrupted; results are kept, and --stale verifies the rest")
     return "; ".join(parts) + "."
 
 
@@ -317,15 +317,17 @@ def print_certificate(console: Console, found: CertificateDocument | None) -> No
     rows.caption_justify = "left"
     console.print(rows)
     if content.third is not None:
-        _print_third(console, content.third, [trajectory.name for trajectory in content.trajectories])
+        _print_heyoka_check(console, content.third, [trajectory.name for trajectory in content.trajectories])
 
 
-def _print_third(console: Console, third: CertifiedThird, names: Sequence[str]) -> None:
-    """Print how far the third flights are from the second, and from the target."""
-    console.print(f"flown through by {third.integrator} {third.version}:", soft_wrap=True, markup=False)
+def _print_heyoka_check(console: Console, third: CertifiedThird, names: Sequence[str]) -> None:
+    """Print how far heyoka's trajectories are from SciPy's, and from the target."""
+    console.print(
+        f"propagated end to end by {third.integrator} {third.version}:", soft_wrap=True, markup=False
+    )
     for name, flown in zip(names, third.trajectories, strict=True):
-        told = f"{_km(flown.apart[0])} from SciPy's flight, {_km(flown.arrival_miss[0])} from the target"
-        console.print(f"  {name}: {flown.failure or told}", soft_wrap=True, highlight=False, markup=False)
+        apart = f"{_km(flown.apart[0])} from SciPy's, {_km(flown.arrival_miss[0])} from the target"
+        console.print(f"  {name}: {flown.failure or apart}", soft_wrap=True, highlight=False, markup=False)
 
 
 def _km(distance: float | None) -> str:

@@ -1,4 +1,4 @@
-"""`coastarc token`: who may use a coordinator.
+"""`coastarc token`: access to a coordinator.
 
 Without --url the archive itself is opened, which needs the coordinator to be stopped, since an archive has
 one writer; with --url the coordinator is asked, with the administrator's token of COASTARC_TOKEN(_FILE).
@@ -29,7 +29,7 @@ token = typer.Typer(help="Make, list and revoke tokens.", no_args_is_help=True)
 Url = Annotated[
     str | None, typer.Option(help="Coordinator to ask, if one is running.", envvar="COASTARC_URL")
 ]
-Out = Annotated[Path | None, typer.Option(help="New file for the token, for nobody else to read.")]
+Out = Annotated[Path | None, typer.Option(help="New file for the token, readable by its owner alone.")]
 
 
 class TokenError(UserError, RuntimeError):
@@ -90,7 +90,7 @@ def revoke(
     url: Url = None,
     as_json: Json = False,
 ) -> None:
-    """End a token and the sessions that were opened with it."""
+    """Revoke a token, and end the sessions that were opened with it."""
     if url is None:
         with _archive(data) as store:
             ended = store.identities.revoke(name)
@@ -144,11 +144,11 @@ def _ask(url: str, method: str, path: str, body: BaseModel | None = None) -> Any
 
 
 def _write_private(path: Path, secret: str) -> None:
-    # Made with its mode, not given it afterwards: in between others could read.
+    # Created with its mode: before a later chmod others could read it.
     try:
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     except OSError as error:
-        # The token is made already; without this it would be lost.
+        # The token exists already; without this it would be lost.
         typer.echo(secret)
         raise TokenError(f"--out: expected a file to write, got {path}: {error.strerror}") from None
     with os.fdopen(descriptor, "w") as file:

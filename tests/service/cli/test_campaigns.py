@@ -39,8 +39,8 @@ def test_a_campaign_goes_from_one_folder_to_another(coastarc, archive, tmp_path)
     assert code == 0 and f"File: {file.name}" in printed and file.is_file()
     other = tmp_path / "new" / "folder"
     code, printed, _ = coastarc("campaigns", "import", file, data=other)
-    assert code == 0 and "Campaign 1: known solutions taken in, with 7 solves and 4 new solutions." in printed
-    assert "Campaign 1: nothing is new" in coastarc("campaigns", "import", file, data=other)[1]
+    assert code == 0 and "Campaign 1: known solutions imported, with 7 solves and 4 new solutions." in printed
+    assert "Campaign 1: nothing new" in coastarc("campaigns", "import", file, data=other)[1]
     told = json.loads(coastarc("campaigns", "import", file, "--json", data=other)[1])
     assert told == {
         "campaign_id": 1,
@@ -67,15 +67,15 @@ def test_a_campaign_goes_through_a_coordinator(coastarc, archive, tmp_path):
     with Coordinator(tmp_path / "busy") as coordinator:
         there = ("--url", coordinator.url)
         code, printed, _ = coastarc("campaigns", "import", "local.zip", *there, data=tmp_path / "none")
-        assert code == 0 and "Campaign 1: known solutions taken in, with 7 solves and 4 new" in printed
-        assert "nothing is new" in coastarc("campaigns", "import", "local.zip", *there, data=tmp_path)[1]
+        assert code == 0 and "Campaign 1: known solutions imported, with 7 solves and 4 new" in printed
+        assert "nothing new" in coastarc("campaigns", "import", "local.zip", *there, data=tmp_path)[1]
         code, printed, _ = coastarc(
             "campaigns", "export", "known solutions", "-o", "remote.zip", *there, data=tmp_path
         )
         assert code == 0 and "File: remote.zip" in printed
         assert Path("remote.zip").read_bytes() == Path("local.zip").read_bytes()
         code, _, complaint = coastarc("campaigns", "import", "local.zip", data=tmp_path / "busy")
-        assert code == 2 and "have that coordinator take it in with --url" in " ".join(complaint.split())
+        assert code == 2 and "import into that coordinator with --url" in " ".join(complaint.split())
     assert not (tmp_path / "none").exists()
 
 

@@ -128,7 +128,7 @@ def test_a_list_that_is_empty_says_so(folder, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["coastarc", "solutions", "list", "--data", "data"])
     with pytest.raises(SystemExit) as end:
         cli.main()
-    assert not end.value.code and "No solution of this archive is so." in capsys.readouterr().out
+    assert not end.value.code and "No solution in this archive matches." in capsys.readouterr().out
 
 
 def test_the_help_begins_with_what_a_newcomer_needs(monkeypatch, capsys):

@@ -223,7 +223,7 @@ def test_an_archive_in_use_or_with_lost_rows_is_left_alone(run, folder):
         assert "expected to be free" in run("repair", "--apply")[1]
     poison(folder, "DELETE FROM problem WHERE k = 1")
     code, said = run("repair", "--apply")
-    assert code == 2 and "expected a whole one, got references" in said
+    assert code == 2 and "expected an intact one, got references" in said
 
 
 @needs_postgres

@@ -202,7 +202,7 @@ def test_a_solution_that_does_not_arrive_is_judged_not_strict(coastarc, tmp_path
     mass = re.search(r"^\d+,reference,final_mass,,kg,([^,]+)", text, re.MULTILINE)[1]
     (tmp_path / "better.csv").write_text(text.replace(mass, str(float(mass) + 1.0)), encoding="utf-8")
     code, printed, _ = coastarc("judge", "k0", tmp_path / "better.csv")
-    assert code == 1 and printed.startswith("Not strict") and "-1.000 kg beside that of the set" in printed
+    assert code == 1 and printed.startswith("Not strict") and "-1.000 kg compared with the set's" in printed
 
 
 @pytest.mark.parametrize(
