@@ -5,7 +5,7 @@ BusyError(RuntimeError)   as many heavy requests as there is room for
 """
 
 import logging
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from http import HTTPStatus
 from typing import Any
 
@@ -110,81 +110,94 @@ def failed() -> JSONResponse:
     return problem_response(500, "the service failed; its log has the details", {"Connection": "close"})
 
 
+def _http(request: Request, error: HTTPException) -> JSONResponse:
+    if error.status_code == 400:
+        # The framework's word for bytes that are no text, and for lists a thousand deep.
+        return problem_response(422, f"{NO_JSON} what cannot be read")
+    detail = str(error.detail)
+    if detail == HTTPStatus(error.status_code).phrase:
+        # What the framework refuses by itself says no more than the status.
+        detail = UNROUTED.get(error.status_code, "request: expected another, got {method} {path}")
+        detail = detail.format(method=request.method, path=request.url.path)
+    return problem_response(error.status_code, detail, error.headers)
+
+
+def _invalid_request(_: Request, error: RequestValidationError) -> JSONResponse:
+    for fault in error.errors():
+        if fault["type"] == "json_invalid":
+            reason, place = fault["ctx"]["error"], fault["loc"][-1]
+            return problem_response(422, f"{NO_JSON} {reason} at character {place}")
+    return problem_response(422, "\n".join(fault_lines("request", error.errors())))
+
+
+def _unprocessable(_: Request, error: Exception) -> JSONResponse:
+    return problem_response(422, str(error))
+
+
+def _portable_conflict(_: Request, error: PortableConflictError) -> JSONResponse:
+    return problem_response(409, str(error), code="wrong_state")
+
+
+def _unreadable_body(_: Request, error: BodyError) -> JSONResponse:
+    return problem_response(error.status, str(error))
+
+
+def _busy(_: Request, error: BusyError) -> JSONResponse:
+    return problem_response(503, str(error), {"Retry-After": str(BUSY_PAUSE_S)})
+
+
+def _stale_attempt(_: Request, error: StaleAttemptError) -> JSONResponse:
+    return problem_response(409, str(error), code="stale_attempt")
+
+
+def _unavailable_archive(request: Request, error: UnavailableError) -> JSONResponse:
+    request.app.state.store.outage.tell(error)
+    return unavailable(error)
+
+
+def _unexpected(_: Request, error: Exception) -> JSONResponse:
+    return failed()
+
+
+def _refused_token(_: Request, error: RefusedTokenError) -> JSONResponse:
+    return unauthorized(str(error))
+
+
+def _unknown_row(_: Request, error: UnknownRowError) -> JSONResponse:
+    return problem_response(404, str(error))
+
+
+def _conflict(_: Request, error: ConflictError) -> JSONResponse:
+    return problem_response(409, str(error), code=error.code)
+
+
+def _other_claimant(_: Request, error: OtherClaimantError) -> JSONResponse:
+    return problem_response(403, str(error), code="other_claimant")
+
+
+#: What answers each exception; the framework takes the line of the nearest class.
+HANDLERS: dict[type[Exception], Callable[[Request, Any], JSONResponse]] = {
+    HTTPException: _http,
+    RequestValidationError: _invalid_request,
+    SpecError: _unprocessable,
+    ExportError: _unprocessable,
+    ProblemError: _unprocessable,
+    PortableError: _unprocessable,
+    PortableConflictError: _portable_conflict,
+    BodyError: _unreadable_body,
+    BusyError: _busy,
+    StaleAttemptError: _stale_attempt,
+    UnavailableError: _unavailable_archive,
+    RefusedTokenError: _refused_token,
+    UnknownRowError: _unknown_row,
+    ConflictError: _conflict,
+    OtherClaimantError: _other_claimant,
+    StoreError: _unprocessable,
+    Exception: _unexpected,
+}
+
+
 def add_error_handlers(app: FastAPI) -> None:
     """Turn what the layers below raise into refusals."""
-
-    @app.exception_handler(HTTPException)
-    def http(request: Request, error: HTTPException) -> JSONResponse:
-        if error.status_code == 400:
-            # The framework's word for bytes that are no text, and for lists a thousand deep.
-            return problem_response(422, f"{NO_JSON} what cannot be read")
-        detail = str(error.detail)
-        if detail == HTTPStatus(error.status_code).phrase:
-            # What the framework refuses by itself says no more than the status.
-            detail = UNROUTED.get(error.status_code, "request: expected another, got {method} {path}")
-            detail = detail.format(method=request.method, path=request.url.path)
-        return problem_response(error.status_code, detail, error.headers)
-
-    @app.exception_handler(RequestValidationError)
-    def request(_: Request, error: RequestValidationError) -> JSONResponse:
-        for fault in error.errors():
-            if fault["type"] == "json_invalid":
-                reason, place = fault["ctx"]["error"], fault["loc"][-1]
-                return problem_response(422, f"{NO_JSON} {reason} at character {place}")
-        return problem_response(422, "\n".join(fault_lines("request", error.errors())))
-
-    @app.exception_handler(SpecError)
-    @app.exception_handler(ExportError)
-    @app.exception_handler(ProblemError)
-    @app.exception_handler(PortableError)
-    def unusable(_: Request, error: Exception) -> JSONResponse:
-        return problem_response(422, str(error))
-
-    @app.exception_handler(PortableConflictError)
-    def portable(_: Request, error: PortableConflictError) -> JSONResponse:
-        return problem_response(409, str(error), code="wrong_state")
-
-    @app.exception_handler(BodyError)
-    def body(_: Request, error: BodyError) -> JSONResponse:
-        return problem_response(error.status, str(error))
-
-    @app.exception_handler(BusyError)
-    def busy(_: Request, error: BusyError) -> JSONResponse:
-        return problem_response(503, str(error), {"Retry-After": str(BUSY_PAUSE_S)})
-
-    @app.exception_handler(StaleAttemptError)
-    def stale(_: Request, error: StaleAttemptError) -> JSONResponse:
-        return problem_response(409, str(error), code="stale_attempt")
-
-    @app.exception_handler(UnavailableError)
-    def unusable_archive(request: Request, error: UnavailableError) -> JSONResponse:
-        request.app.state.store.outage.tell(error)
-        return unavailable(error)
-
-    @app.exception_handler(Exception)
-    def bug(_: Request, error: Exception) -> JSONResponse:
-        return failed()
-
-    _add_store_handlers(app)
-
-
-def _add_store_handlers(app: FastAPI) -> None:
-    @app.exception_handler(RefusedTokenError)
-    def refused(_: Request, error: RefusedTokenError) -> JSONResponse:
-        return unauthorized(str(error))
-
-    @app.exception_handler(UnknownRowError)
-    def unknown(_: Request, error: UnknownRowError) -> JSONResponse:
-        return problem_response(404, str(error))
-
-    @app.exception_handler(ConflictError)
-    def conflict(_: Request, error: ConflictError) -> JSONResponse:
-        return problem_response(409, str(error), code=error.code)
-
-    @app.exception_handler(OtherClaimantError)
-    def claimant(_: Request, error: OtherClaimantError) -> JSONResponse:
-        return problem_response(403, str(error), code="other_claimant")
-
-    @app.exception_handler(StoreError)
-    def store(_: Request, error: StoreError) -> JSONResponse:
-        return problem_response(422, str(error))
+    for error, handler in HANDLERS.items():
+        app.add_exception_handler(error, handler)
