@@ -35,7 +35,16 @@ from service.schemas.campaign import (
     StrategyView,
 )
 from service.store.cache import search_spec
-from service.store.campaigns import Numbers, campaigns_in_numbers, eta_seconds, item_fields, ratio_view
+from service.store.campaigns import (
+    SLOT_S,
+    Numbers,
+    campaigns_in_numbers,
+    eta_seconds,
+    first_slot,
+    item_fields,
+    rate_per_min,
+    ratio_view,
+)
 from service.store.errors import UnknownRowError
 from service.store.filters import look_up_campaign
 from service.store.statistics import summed
@@ -97,10 +106,6 @@ class OutcomeBins:
     def lists(self) -> dict[str, Any]:
         """Return the counts by name of outcome."""
         return {name: row.tolist() for name, row in zip(OUTCOMES, self.counts, strict=True)}
-
-
-#: The rate is that of the last minutes, counted in slots [s].
-RATE_WINDOW_S, SLOT_S = 300.0, 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,11 +213,10 @@ class History:
 
     def rate_per_min(self, now: float) -> float:
         """Return how many solves a minute there were of late."""
-        first = (now - RATE_WINDOW_S) // SLOT_S
+        first = first_slot(now)
         for slot in [slot for slot in self._recent if slot < first]:
             del self._recent[slot]
-        window = min(RATE_WINDOW_S, max(now - self.bins.start, 1.0))
-        return 60.0 * sum(self._recent.values()) / window
+        return rate_per_min(self._recent.total(), self.bins.start, now)
 
 
 #: Solves read at once, and how long one question reads [s].

@@ -25,8 +25,8 @@ def ratio_view(n: int, n_solves: int) -> RatioView:
     return RatioView(value=ratio.value if n_solves else None, low=ratio.low, high=ratio.high)
 
 
-#: The rate is that of the last minutes, so that it follows the number of workers.
-RATE_WINDOW_S = 300.0
+#: The rate is that of the last minutes, so that it follows the number of workers, counted in slots [s].
+RATE_WINDOW_S, SLOT_S = 300.0, 5.0
 
 
 #: Campaigns that are listed, the newest.
@@ -177,22 +177,32 @@ def cases_of(session: Session, row: SearchRow, spec: SearchSpec) -> list[CaseVie
 
 def _rate_per_min(session: Session, campaign: CampaignRow, now: float) -> float:
     end = campaign.finished_at or now
-    window = min(RATE_WINDOW_S, max(end - campaign.created_at, 1.0))
-    recent = (SearchRow.campaign_id == campaign.id) & (SolveRow.created_at > end - window)
+    recent = (SearchRow.campaign_id == campaign.id) & (SolveRow.created_at >= first_slot(end) * SLOT_S)
     n_recent = session.scalar(select(func.count(SolveRow.id)).join(SearchRow).where(recent)) or 0
-    return 60.0 * n_recent / window
+    return rate_per_min(n_recent, campaign.created_at, end)
+
+
+def first_slot(end: float) -> int:
+    """Return the slot in which the last minutes before a moment begin."""
+    return int((end - RATE_WINDOW_S) // SLOT_S)
+
+
+def rate_per_min(n_recent: int, created_at: float, end: float) -> float:
+    """Return how many solves a minute there were, from those since the first slot or the start."""
+    began = max(created_at, first_slot(end) * SLOT_S)
+    return 60.0 * n_recent / max(end - began, 1.0)
 
 
 def eta_seconds(
-    campaign: CampaignRow, numbers: Sequence[Numbers], planned: Sequence[int | None], rate_per_min: float
+    campaign: CampaignRow, numbers: Sequence[Numbers], planned: Sequence[int | None], rate: float
 ) -> float | None:
     """Return how long a campaign still takes at a rate, from what its searches have planned [s]."""
     if campaign.state in ENDED:
         return 0.0
     going_on = [(one.row, n) for one, n in zip(numbers, planned, strict=True) if one.row.state not in ENDED]
-    if rate_per_min == 0.0 or campaign.state == "paused" or any(n is None for _, n in going_on):
+    if rate == 0.0 or campaign.state == "paused" or any(n is None for _, n in going_on):
         return None
-    return 60.0 * sum(max(0, (n or 0) - row.n_solves) for row, n in going_on) / rate_per_min
+    return 60.0 * sum(max(0, (n or 0) - row.n_solves) for row, n in going_on) / rate
 
 
 def get_campaign_row(session: Session, campaign_id: int) -> CampaignRow:

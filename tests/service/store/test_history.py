@@ -119,3 +119,20 @@ def test_reading_ahead_ends_when_it_is_told_to(finished, monkeypatch):
     with Store(finished.folder, read_only=True) as again:
         read_history(again, stop)
         assert again.campaign_history(1).n_read == 4  # One piece by itself, one for the question.
+
+
+@pytest.mark.parametrize("step_s", [0.4, 31.7, 250.0])
+def test_the_rate_of_a_campaign_is_the_same_in_the_list_and_by_itself(tmp_path, step_s):
+    now = [1_800_000_001.3]
+    with Store(tmp_path, clock=lambda: now[0]) as store:
+        store.submit(spec_from(spec_fields(guesses=24)))
+        work, rates = dispatcher_on(store, Inline(run_fake)), []
+        while any(item.state != "done" for item in store.campaigns()):
+            work.step()
+            now[0] += step_s
+            rates.append((store.campaign_cards()[0].rate_per_min, store.campaign(1).rate_per_min))
+        # A campaign that has ended keeps the rate of its end.
+        now[0] += 3600.0
+        rates.append((store.campaign_cards()[0].rate_per_min, store.campaign(1).rate_per_min))
+    assert all(card == pytest.approx(view) for card, view in rates) and rates[-1] == rates[-2]
+    assert max(rates) > (0.0, 0.0)
