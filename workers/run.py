@@ -4,6 +4,7 @@ This is the only file of workers that does numerics.  Numerical failure is data;
 of ours and ends the attempt as `error`, with the solves that were finished before it.
 """
 
+import threading
 import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator
@@ -222,9 +223,13 @@ def prepared(definition: dict[str, Any], settings: JobSettings) -> tuple[Problem
 def precompiled(definition: dict[str, Any], settings: JobSettings) -> Problem:
     """Return a problem, in a process that has compiled all that its solve calls."""
     problem = problem_from(definition)
-    if not _transcribed.cache_info().currsize:
+    if not _IS_COMPILED.is_set():
         _transcribed(problem, **_form(settings))
     return problem
+
+
+#: Set once this process has compiled all that a solve calls, for whichever problem that was.
+_IS_COMPILED = threading.Event()
 
 
 def _form(settings: JobSettings) -> dict[str, Any]:
@@ -238,6 +243,7 @@ def _transcribed(problem: Problem, n_legs: int, tolerance: float) -> Transcripti
     # One iteration compiles all that a solve calls, before any clock runs; its draw is no part of the search.
     guess = core.sample_guess(transcription, np.random.default_rng(0))
     core.solve(transcription, guess, SolveSettings(max_iterations=1))
+    _IS_COMPILED.set()
     return transcription
 
 

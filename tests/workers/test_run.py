@@ -1,5 +1,6 @@
 """From a job to its outcome, with numerics that are told what to find."""
 
+import threading
 from types import SimpleNamespace
 
 import numpy as np
@@ -228,3 +229,12 @@ def test_a_solve_whose_process_is_stopped_for_hours_is_not_at_its_deadline_when_
         clock.advance(1.0)
         is_over.append(deadline())
     assert is_over.index(True) == 41
+
+
+def test_a_process_compiles_before_its_first_mapped_solve_and_never_again(monkeypatch):
+    made, is_compiled = [], threading.Event()
+    monkeypatch.setattr(run, "_IS_COMPILED", is_compiled)
+    monkeypatch.setattr(run, "_transcribed", lambda problem, **_: (made.append(problem), is_compiled.set()))
+    definition = run.problem_from({"preset": "ppe-drm3"}).model_dump(mode="json")
+    problems = [run.precompiled(definition, JobSettings()) for _ in range(2)]
+    assert made == problems[:1]
