@@ -35,9 +35,8 @@ def _sources_digest() -> str:
     return digest.hexdigest()
 
 
-numba.config.CACHE_DIR = str(  # type: ignore[attr-defined]
-    cache_folder() / f"compiled-{_sources_digest()}"
-)
+#: Where the machine code of this code is kept.
+COMPILED_FOLDER = cache_folder() / f"compiled-{_sources_digest()}"
 
 
 class _SealedFiles(IndexDataCacheFile):
@@ -78,6 +77,17 @@ def _is_whole(path: str | Path) -> bool:
     return content[-_SEAL_BYTES:] == _seal(content[:-_SEAL_BYTES])
 
 
+@contextmanager
+def _cached_here() -> Iterator[None]:
+    """Let numba, which asks a global of its own where to keep a kernel, choose our folder meanwhile."""
+    settings: Any = numba.config
+    elsewhere, settings.CACHE_DIR = settings.CACHE_DIR, str(COMPILED_FOLDER)
+    try:
+        yield
+    finally:
+        settings.CACHE_DIR = elsewhere
+
+
 def compiled(kernel: Kernel) -> Kernel:
     """Compile a kernel ahead of its first call per signature, cached on disk.
 
@@ -88,7 +98,8 @@ def compiled(kernel: Kernel) -> Kernel:
     if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
         # As where the documentation is made: a kernel is then the function that it is written as.
         return kernel
-    dispatcher: Any = numba.njit(cache=True, error_model="numpy")(kernel)
+    with _cached_here():
+        dispatcher: Any = numba.njit(cache=True, error_model="numpy")(kernel)
     cache = dispatcher._cache
     files = cache._cache_file
     sealed: Any = _SealedFiles

@@ -6,7 +6,6 @@ import platform
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from service.coordinator.lock import openness
 from service.schemas.answer import Check
@@ -67,13 +66,10 @@ def _solver() -> Check:
 
 
 def _numba_cache() -> Check:
-    import numba
-
-    import core.jit  # noqa: F401 - it says where compiled code is kept
+    from core import jit
     from core.cache import cache_note
 
-    settings: Any = numba.config
-    folder = Path(settings.CACHE_DIR)
+    folder = jit.COMPILED_FOLDER
     try:
         folder.mkdir(parents=True, exist_ok=True)
         is_writable = os.access(folder, os.W_OK)

@@ -17,12 +17,12 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 
 from core.analysis.metrics import feasibility_ratio
 from core.analysis.similarity import DISTINCT, clusters, distance, feature_rows
 from core.analysis.stationarity import OPTIMAL, stationarity
+from core.jit import COMPILED_FOLDER
 from core.nlp import SolveSettings
 from core.plain_data import read_text
 from core.problem import Problem, problem_from
@@ -129,8 +129,7 @@ def outcomes(executor: Executor, jobs: Iterable[tuple[int, Job]]) -> Iterator[tu
 
 def n_compiled_kernels() -> int:
     """Return how many compiled kernels the disk holds for this code: more after a run, if it compiled."""
-    folder = Path(numba.config.CACHE_DIR)  # type: ignore[attr-defined]
-    return sum(1 for _ in folder.rglob("*.nbc"))
+    return sum(1 for _ in COMPILED_FOLDER.rglob("*.nbc"))
 
 
 #: Failures whose defects the solver calls closed and the verifier does not.

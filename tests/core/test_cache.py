@@ -120,3 +120,8 @@ def test_a_command_without_a_cache_folder_warns_in_one_line_and_runs(tmp_path):
     assert warning.startswith("warning: cache folder ") and error.startswith(
         "error: archive: expected a file"
     )
+
+
+def test_kernels_of_others_are_kept_where_they_would_be_without_us(tmp_path):
+    folder = run(tmp_path, TWICE + "import numba\nprint(repr(numba.config.CACHE_DIR))").splitlines()[-1]
+    assert folder == "''"

@@ -7,9 +7,9 @@ import sys
 import time
 
 import httpx
-import numba
 import pytest
 
+from core import jit
 from service import cli, logs
 from service.cli import run as cli_run
 from service.cli.options import console
@@ -246,7 +246,7 @@ def test_doctor_finds_a_working_installation(coastarc):
 
 
 def test_doctor_says_what_to_do_about_a_cache_that_cannot_be_written(coastarc, spec_file, monkeypatch):
-    monkeypatch.setattr(numba.config, "CACHE_DIR", str(spec_file / "below-a-file"))
+    monkeypatch.setattr(jit, "COMPILED_FOLDER", spec_file / "below-a-file")
     code, printed, _ = coastarc("doctor", "--port", 0, "--json")
     (cache,) = [check for check in json.loads(printed) if check["name"] == "numba cache"]
     assert code == 1 and cache["state"] == "failed" and "set XDG_CACHE_HOME" in cache["advice"]
