@@ -10,7 +10,16 @@ from core.lazy import on_demand
 
 if TYPE_CHECKING:
     from core.search.guess_laws import sample_guess
-    from core.search.hopping import Chain, ChainState, Incumbent, hop, hop_times, is_better
+    from core.search.hopping import (
+        Chain,
+        ChainState,
+        Incumbent,
+        draw_steps,
+        hop,
+        hop_rng,
+        hop_times,
+        is_better,
+    )
     from core.search.mapping import map_seed
     from core.search.recovery import solve_recovery, solve_seed
     from core.search.settings import (
@@ -22,9 +31,7 @@ if TYPE_CHECKING:
         HopLaw,
         HopSettings,
         check_mapping,
-        draw_steps,
         expand_mapping,
-        hop_rng,
         refined_problem,
     )
 
@@ -65,10 +72,10 @@ _HOMES = {
     "HopSettings": "settings",
     "Incumbent": "hopping",
     "check_mapping": "settings",
-    "draw_steps": "settings",
+    "draw_steps": "hopping",
     "expand_mapping": "settings",
     "hop": "hopping",
-    "hop_rng": "settings",
+    "hop_rng": "hopping",
     "hop_times": "hopping",
     "is_better": "hopping",
     "map_seed": "mapping",

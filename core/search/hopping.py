@@ -3,6 +3,7 @@
 docs/method.md, section 7.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,13 +11,90 @@ from numpy.typing import NDArray
 
 from core.nlp import Outcome
 from core.search.guess_laws import sample_guess
-from core.search.settings import HopSettings, draw_steps
+from core.search.settings import HOP_LAWS, HopAddress, HopSettings
 from core.transcription import Transcription
 
 Array = NDArray[np.float64]
-
-
 Indices = NDArray[np.intp]
+
+#: Truncation of the tails, in widths of the bounds.  Any other component is at its bound long before, and an
+#: in-plane angle is still accurate to 1e-9 rad after so many turns.
+LONGEST_STEP = 1e6
+
+
+def hop_rng(rng_seed: int, address: HopAddress) -> np.random.Generator:
+    """Return the generator of one hop: the same wherever and however often it runs.
+
+    Parameters
+    ----------
+    rng_seed : int
+        The random-number seed of the campaign [-].
+    address : HopAddress
+        The hop.
+    """
+    return np.random.default_rng(np.random.SeedSequence(rng_seed, spawn_key=tuple(address)))
+
+
+def _uniform(rng: np.random.Generator, n: int, shape: float) -> Array:
+    return 2.0 * rng.random(n) - 1.0
+
+
+def _gaussian(rng: np.random.Generator, n: int, shape: float) -> Array:
+    return rng.standard_normal(n)
+
+
+def _cauchy(rng: np.random.Generator, n: int, shape: float) -> Array:
+    steps: Array = np.tan(np.pi * (rng.random(n) - 0.5))
+    return steps
+
+
+def _pareto(rng: np.random.Generator, n: int, shape: float) -> Array:
+    signs = np.where(rng.random(n) < 0.5, -1.0, 1.0)
+    # The generator may return 0 but never 1, and 0 has no inverse.
+    steps: Array = signs * (1.0 - rng.random(n)) ** (-1.0 / shape)
+    return steps
+
+
+#: Steps (n,) of width 1 of each of `HOP_LAWS`, from a generator, n and the shape.
+_DRAWN: dict[str, Callable[[np.random.Generator, int, float], Array]] = {
+    "uniform": _uniform,
+    "gaussian": _gaussian,
+    "cauchy": _cauchy,
+    "pareto": _pareto,
+}
+
+
+def draw_steps(
+    law: str, n: int, rng: np.random.Generator, width: float | None = None, shape: float | None = None
+) -> Array:
+    """Return independent steps of a law, in units of the width of the bounds.
+
+    Parameters
+    ----------
+    law : str
+        A name of `HOP_LAWS`.
+    n : int
+        How many [-].
+    rng : Generator
+        Source of the numbers.
+    width : float, optional
+        Scale of the law [-]; its own where none is given.
+    shape : float, optional
+        Exponent of the tail [-]; its own where none is given, and without effect if it has none.
+
+    Returns
+    -------
+    (n,) array
+        Steps, finite and at most `LONGEST_STEP` [-].
+
+    References
+    ----------
+    docs/method.md, eqs. S10 to S13.
+    """
+    chosen = HOP_LAWS[law]
+    exponent = (chosen.shape if shape is None else shape) or np.inf
+    steps = (chosen.width if width is None else width) * _DRAWN[law](rng, n, exponent)
+    return np.clip(steps, -LONGEST_STEP, LONGEST_STEP)
 
 
 def hop(

@@ -1,6 +1,7 @@
 """Settings of a search: guess and hop distributions, mappings of seeds, and the address of a hop.
 
-Nothing here is compiled or propagates an arc, so reading a specification does not import the numerics.
+Nothing here computes, so reading a specification does not import the numerics; `core.search.hopping` draws
+from the distributions.
 
 Hops: a step r is in units of the width of its component's bounds, its components independent and identically
 distributed.  Every law is symmetric about zero and has one scale: r = width * (a step of width 1).
@@ -13,101 +14,37 @@ denotes many mappings at once.  docs/method.md, section 8.
 
 import itertools
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 
 from core.problem import Outage, Problem, problem_from
-
-Array = NDArray[np.float64]
 
 #: Laws of guesses: uniform in the box is the paper's; the other burns along the velocity at both ends.
 GUESS_LAWS = ("uniform", "thrust-coast-thrust")
 
 #: Least and greatest shape of a law.  Below the least, steps would overflow: (2^53)^(1/0.1) is still finite.
 SHAPES = (0.1, 10.0)
-#: Truncation of the tails, in widths of the bounds.  Any other component is at its bound long before, and an
-#: in-plane angle is still accurate to 1e-9 rad after so many turns.
-LONGEST_STEP = 1e6
 
 
 @dataclass(frozen=True, slots=True)
 class HopLaw:
     """A symmetric law of steps, with the parameters it has where none are given."""
 
-    #: Draws (n,) steps of width 1, from a generator, n and the shape.
-    draw: Callable[[np.random.Generator, int, float], Array]
     #: Width of the law [-].
     width: float
     #: Exponent of the tail [-]; None for a law that has none.
     shape: float | None = None
 
 
-def _uniform(rng: np.random.Generator, n: int, shape: float) -> Array:
-    return 2.0 * rng.random(n) - 1.0
-
-
-def _gaussian(rng: np.random.Generator, n: int, shape: float) -> Array:
-    return rng.standard_normal(n)
-
-
-def _cauchy(rng: np.random.Generator, n: int, shape: float) -> Array:
-    steps: Array = np.tan(np.pi * (rng.random(n) - 0.5))
-    return steps
-
-
-def _pareto(rng: np.random.Generator, n: int, shape: float) -> Array:
-    signs = np.where(rng.random(n) < 0.5, -1.0, 1.0)
-    # The generator may return 0 but never 1, and 0 has no inverse.
-    steps: Array = signs * (1.0 - rng.random(n)) ** (-1.0 / shape)
-    return steps
-
-
 #: The laws by name, with widths from docs/method.md, section 7; the Pareto law's are EMTG's preset.
 HOP_LAWS: dict[str, HopLaw] = {
-    "uniform": HopLaw(_uniform, 0.1),
-    "gaussian": HopLaw(_gaussian, 0.05),
-    "cauchy": HopLaw(_cauchy, 1e-3),
-    "pareto": HopLaw(_pareto, 2.52e-6, 1.0 / 1.4),
+    "uniform": HopLaw(0.1),
+    "gaussian": HopLaw(0.05),
+    "cauchy": HopLaw(1e-3),
+    "pareto": HopLaw(2.52e-6, 1.0 / 1.4),
 }
-
-
-def draw_steps(
-    law: str, n: int, rng: np.random.Generator, width: float | None = None, shape: float | None = None
-) -> Array:
-    """Return independent steps of a law, in units of the width of the bounds.
-
-    Parameters
-    ----------
-    law : str
-        A name of `HOP_LAWS`.
-    n : int
-        How many [-].
-    rng : Generator
-        Source of the numbers.
-    width : float, optional
-        Scale of the law [-]; its own where none is given.
-    shape : float, optional
-        Exponent of the tail [-]; its own where none is given, and without effect if it has none.
-
-    Returns
-    -------
-    (n,) array
-        Steps, finite and at most `LONGEST_STEP` [-].
-
-    References
-    ----------
-    docs/method.md, eqs. S10 to S13.
-    """
-    chosen = HOP_LAWS[law]
-    exponent = (chosen.shape if shape is None else shape) or np.inf
-    steps = (chosen.width if width is None else width) * chosen.draw(rng, n, exponent)
-    return np.clip(steps, -LONGEST_STEP, LONGEST_STEP)
-
 
 #: Learning rate of an adaptive width, and the success rate at which it is constant [-]; eq. S14.
 LEARNING_RATE, SUCCESS_SHARE = 0.3, 0.05
@@ -187,6 +124,9 @@ class HopSettings:
 
     def next_width(self, width: float, has_won: bool) -> float:
         """Return the width [-] after a hop: wider after a success, narrower after a failure, eq. S14."""
+        # Imported here: reading a specification needs no arrays.
+        import numpy as np
+
         low, high = self.width_range
         return float(min(max(width * np.exp(LEARNING_RATE * (has_won - SUCCESS_SHARE)), low), high))
 
@@ -203,19 +143,6 @@ class HopAddress(NamedTuple):
     chain: int
     #: Number of the hop in its chain.
     hop: int
-
-
-def hop_rng(rng_seed: int, address: HopAddress) -> np.random.Generator:
-    """Return the generator of one hop: the same wherever and however often it runs.
-
-    Parameters
-    ----------
-    rng_seed : int
-        The random-number seed of the campaign [-].
-    address : HopAddress
-        The hop.
-    """
-    return np.random.default_rng(np.random.SeedSequence(rng_seed, spawn_key=tuple(address)))
 
 
 #: The forms of a mapping by name.

@@ -5,7 +5,8 @@ import pytest
 from scipy.stats import cauchy, kstest, norm, pareto, uniform
 
 from core.search import HOP_LAWS, HopSettings, draw_steps
-from core.search.settings import LONGEST_STEP, SHAPES
+from core.search.hopping import LONGEST_STEP
+from core.search.settings import SHAPES
 
 N = 200_000
 
