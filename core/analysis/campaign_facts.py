@@ -8,12 +8,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from core.problem import Problem
 
-Array = NDArray[np.float64]
 Level = Literal["paper", "strict"]
 
 
@@ -79,4 +75,4 @@ class CampaignFacts:
     #: In the order of the searches, and inside each in order of address (case, chain, hop).
     solves: tuple[SolveFacts, ...]
     #: x by solution id, in the layout of its own P_k; its first 3N + 4 numbers are the reference's.
-    vectors: Mapping[str, Array]
+    vectors: Mapping[str, tuple[float, ...]]

@@ -11,9 +11,9 @@ from math import isfinite, nan
 from operator import attrgetter
 from typing import Any, NamedTuple, TypeVar
 
-from core.analysis.campaign_facts import Array, CampaignFacts, Level, SolveFacts
+from core.analysis.campaign_facts import CampaignFacts, Level, SolveFacts
 from core.analysis.metrics import Ratio, Spread, feasibility_ratio, spread
-from core.analysis.similarity import DISTINCT, clusters, feature_rows
+from core.analysis.similarity import DISTINCT, Array, clusters, feature_rows
 
 _T = TypeVar("_T")
 

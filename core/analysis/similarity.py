@@ -46,11 +46,11 @@ def features(problem: Problem, x: Sequence[float] | Array) -> Array:
     ValueError
         When x is shorter than the reference.
     """
-    row: Array = feature_rows(problem, [np.asarray(x, dtype=np.float64)])[0]
+    row: Array = feature_rows(problem, [x])[0]
     return row
 
 
-def feature_rows(problem: Problem, vectors: Sequence[Array]) -> Array:
+def feature_rows(problem: Problem, vectors: Sequence[Sequence[float] | Array]) -> Array:
     """Return the features of many solutions at once.
 
     Parameters

@@ -210,7 +210,7 @@ def get_trajectory(
     Those of a longer solution are thinned, arc by arc, and `n_samples` says how many there were.
     """
     definition, x = store.definition_and_vector(solution_id)
-    return _pictured(json.dumps(definition), x.tobytes(), samples, tracks == "all")
+    return _pictured(json.dumps(definition), x, samples, tracks == "all")
 
 
 @router.get("/solutions/{solution_id}/lineage")
@@ -272,7 +272,7 @@ def _vector(solution_id: str, store: Store, format: ExportFormat) -> StreamingRe
     if format is not ExportFormat.CSV:
         raise HTTPException(422, f"format: expected csv for the decision vector, got {format}")
     definition, x = store.definition_and_vector(solution_id)
-    lines = vector_lines(solution_id, problem_from(definition), x)
+    lines = vector_lines(solution_id, problem_from(definition), np.array(x))
     return _download(lines, CSV, f"coastarc-{solution_id[:8]}-vector.csv")
 
 
@@ -282,13 +282,13 @@ def _download(content: Iterable[str] | Iterable[bytes], media_type: str, name: s
 
 
 @lru_cache(maxsize=16)
-def _flown(definition: str, vector: bytes) -> Flight:
+def _flown(definition: str, vector: tuple[float, ...]) -> Flight:
     # Flying takes a second and a page asks for the same solution again and again.
-    return fly(problem_from(json.loads(definition)), np.frombuffer(vector, dtype=np.float64))
+    return fly(problem_from(json.loads(definition)), np.array(vector))
 
 
 @lru_cache(maxsize=64)
-def _pictured(definition: str, vector: bytes, samples: int, has_frames: bool) -> dict[str, Any]:
+def _pictured(definition: str, vector: tuple[float, ...], samples: int, has_frames: bool) -> dict[str, Any]:
     return flight_as_json(_flown(definition, vector), samples, has_frames)
 
 

@@ -6,12 +6,11 @@ PostgreSQL.
 """
 
 import json
+import struct
 from collections.abc import Collection
 from dataclasses import fields
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel
 from sqlalchemy import (
     REAL,
@@ -83,7 +82,7 @@ class Json(TypeDecorator[Any]):
         return None if value is None else json.loads(value)
 
 
-class Vector(TypeDecorator[NDArray[np.float64]]):
+class Vector(TypeDecorator[tuple[float, ...]]):
     """A vector of float64 as its little-endian bytes, which keep every bit."""
 
     impl = LargeBinary
@@ -91,11 +90,11 @@ class Vector(TypeDecorator[NDArray[np.float64]]):
 
     def process_bind_param(self, value: Any, dialect: Dialect) -> bytes | None:
         """Write."""
-        return None if value is None else np.ascontiguousarray(value, dtype="<f8").tobytes()
+        return None if value is None else struct.pack(f"<{len(value)}d", *value)
 
-    def process_result_value(self, value: bytes | None, dialect: Dialect) -> NDArray[np.float64] | None:
+    def process_result_value(self, value: bytes | None, dialect: Dialect) -> tuple[float, ...] | None:
         """Read."""
-        return None if value is None else np.frombuffer(value, dtype="<f8").astype(np.float64)
+        return None if value is None else struct.unpack(f"<{len(value) // 8}d", value)
 
 
 #: Grows with every change of the tables; kept in SQLite's user_version.
@@ -362,7 +361,7 @@ class SolveRow(Base):
     objective_kg: Mapped[float | None]
     violation: Mapped[float | None]
     #: (1 + k, 7) row by row; NaN where a state was not finite.
-    defects: Mapped[NDArray[np.float64]] = mapped_column(Vector)
+    defects: Mapped[tuple[float, ...]] = mapped_column(Vector)
     n_iterations: Mapped[int]
     n_evaluations: Mapped[int]
     cpu_seconds: Mapped[float]
@@ -391,7 +390,7 @@ class SolutionRow(Base):
     )  # fmt: skip
     id: Mapped[str] = mapped_column(primary_key=True)
     problem_hash: Mapped[str] = mapped_column(ForeignKey("problem.hash"))
-    x: Mapped[NDArray[np.float64]] = mapped_column(Vector)
+    x: Mapped[tuple[float, ...]] = mapped_column(Vector)
     objective_kg: Mapped[float]
     propellant_kg: Mapped[float]
     delta_v_km_s: Mapped[float]
@@ -402,7 +401,7 @@ class SolutionRow(Base):
     time_of_flight_days: Mapped[float]
     insertion_epoch: Mapped[str]
     arrival_epoch: Mapped[str]
-    defects: Mapped[NDArray[np.float64]] = mapped_column(Vector)
+    defects: Mapped[tuple[float, ...]] = mapped_column(Vector)
     paper: Mapped[bool]
     strict: Mapped[bool]
     verification: Mapped[Any] = mapped_column(Json)

@@ -31,7 +31,7 @@ def views_of(
 
 def _view(analysed: MissedThrustAnalysis, campaign: CampaignView) -> MissedThrustView:
     attempts = list(_attempts(analysed))
-    problem, x = analysed.problem, analysed.x
+    problem, x = analysed.problem, np.array(analysed.x)
     found = missed_thrust(problem, x, [*attempts, *_own(analysed, attempts)])
     chance, fragile = survivability(problem, x, found), fragile_segments(problem, x, found)
     jobs = [search.jobs for search in campaign.searches]
@@ -59,7 +59,7 @@ def _view(analysed: MissedThrustAnalysis, campaign: CampaignView) -> MissedThrus
 def _attempts(analysed: MissedThrustAnalysis) -> Iterator[Attempt]:
     facts = analysed.facts
     for solve in facts.solves:
-        x = facts.vectors[solve.solution_id] if solve.solution_id is not None else None
+        x = np.array(facts.vectors[solve.solution_id]) if solve.solution_id is not None else None
         yield attempt(facts.problem.with_outages(solve.outages), x)
 
 

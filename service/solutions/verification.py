@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from itertools import islice
 
+import numpy as np
 from pydantic import BaseModel
 
 from core.errors import UserError
@@ -221,6 +222,8 @@ def _certify(subject: Subject, asked: VerificationRequest) -> CertificateDocumen
 
     try:
         problem = problem_from(subject.definition)
-        return certificate_of(subject.id, problem, subject.x, asked.min_altitude_km, asked.with_heyoka)
+        return certificate_of(
+            subject.id, problem, np.array(subject.x), asked.min_altitude_km, asked.with_heyoka
+        )
     except (ProblemError, OSError) as error:
         return str(error)

@@ -231,7 +231,7 @@ def _solution_lines(session: Session, searches: dict[int, int]) -> Iterator[Solu
             yield SolutionLine(
                 **_taken(row, SOLUTION_COLUMNS),
                 problem=row.problem_hash,
-                x=tuple(row.x.tolist()),
+                x=row.x,
                 defects=_with_gaps(row.defects),
             )
 
@@ -257,8 +257,8 @@ def _taken(row: Row[Any], names: Iterable[str]) -> dict[str, Any]:
     return {name: getattr(row, name) for name in names}
 
 
-def _with_gaps(defects: np.ndarray[Any, Any]) -> tuple[float | None, ...]:
-    return tuple(value if np.isfinite(value) else None for value in defects.tolist())
+def _with_gaps(defects: tuple[float, ...]) -> tuple[float | None, ...]:
+    return tuple(value if math.isfinite(value) else None for value in defects)
 
 
 #: As many as are inserted at once.

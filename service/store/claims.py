@@ -158,7 +158,7 @@ def message_of(session: Session, turn: Turn, seeds: dict[str, Any]) -> HopJob | 
         **shared,
         seed_id=seed.id,
         seed_problem=definition,
-        seed_x=tuple(x.tolist()),
+        seed_x=x,
         mapping=job.mapping or "",
     )
 

@@ -127,7 +127,7 @@ def reproduction(session: Session, solution_id: str) -> Reproduction:
         problem_hash=solution.problem_hash,
         job=job,
         hop=solve.hop,
-        x=solution.x.tolist(),
+        x=list(solution.x),
         status=solve.status,
         cpu_seconds=solve.cpu_seconds,
         **{name: provenance.content[name] for name in FROM_PROVENANCE},

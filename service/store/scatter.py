@@ -161,7 +161,7 @@ CLUSTERS_AT_ONCE = 500
 class _Member(NamedTuple):
     id: str
     problem_hash: str
-    x: NDArray[np.float64]
+    x: tuple[float, ...]
     delta_v_km_s: float
     time_of_flight_days: float
     strategy: str

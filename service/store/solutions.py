@@ -4,8 +4,6 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
 from sqlalchemy import not_, or_, select
 from sqlalchemy.orm import Session
 
@@ -52,7 +50,7 @@ class Subject(NamedTuple):
 
     id: str
     definition: dict[str, Any]
-    x: NDArray[np.float64]
+    x: tuple[float, ...]
     #: What it was verified at when it was stored.
     level: str
 
@@ -212,7 +210,7 @@ def page_by_id(session: Session, wanted: Filter, after: str, limit: int) -> list
 
 def _with_vector(row: _Found) -> RecordWithVector:
     shown = _record(row).model_dump()
-    return RecordWithVector(**shown, x=row.solution.x.tolist(), verification=row.solution.verification)
+    return RecordWithVector(**shown, x=list(row.solution.x), verification=row.solution.verification)
 
 
 def find_id(session: Session, prefix: str) -> str:
@@ -228,7 +226,7 @@ def find_id(session: Session, prefix: str) -> str:
     return found[0]
 
 
-def definition_and_vector(session: Session, solution_id: str) -> tuple[dict[str, Any], np.ndarray[Any, Any]]:
+def definition_and_vector(session: Session, solution_id: str) -> tuple[dict[str, Any], tuple[float, ...]]:
     """Return the problem of a solution as plain data, and its vector."""
     solution = session.get(SolutionRow, solution_id)
     if solution is None:
@@ -301,9 +299,14 @@ def _record(row: _Found) -> Record:
         strategy=search.strategy,
         k=problem.k,
         outages=[OutageView(**outage) for outage in problem.definition["outages"]],
-        defects_solved=solve.defects.reshape(-1, 7).tolist(),
-        defects_verified=solution.defects.reshape(-1, 7).tolist(),
+        defects_solved=_states(solve.defects),
+        defects_verified=_states(solution.defects),
     )
+
+
+def _states(defects: tuple[float, ...]) -> list[list[float]]:
+    """Return the defects of each trajectory."""
+    return [list(defects[start : start + 7]) for start in range(0, len(defects), 7)]
 
 
 def _found_again(verification: dict[str, Any]) -> dict[str, Any]:
@@ -321,7 +324,7 @@ class MissedThrustAnalysis:
 
     solution_id: str
     problem: Problem
-    x: NDArray[np.float64]
+    x: tuple[float, ...]
     facts: CampaignFacts
 
 

@@ -6,7 +6,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from sqlalchemy.orm import Session
 
 from core.analysis.campaign_facts import CampaignFacts
@@ -337,7 +336,7 @@ class Store(Archive):
                 return
             after = page[-1].id
 
-    def definition_and_vector(self, solution_id: str) -> tuple[dict[str, Any], np.ndarray[Any, Any]]:
+    def definition_and_vector(self, solution_id: str) -> tuple[dict[str, Any], tuple[float, ...]]:
         """Return the problem of a solution as plain data, and its vector."""
         with self._database.read() as session:
             return solutions.definition_and_vector(session, solution_id)

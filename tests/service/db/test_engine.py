@@ -243,7 +243,8 @@ def test_the_writer_waits_for_others_and_keeps_references(database):
 def test_a_vector_keeps_every_bit(values):
     stored = Vector().process_bind_param(values, DIALECT)
     assert stored == np.array(values, dtype="<f8").tobytes()
-    assert Vector().process_result_value(stored, DIALECT).tobytes() == np.array(values, dtype=float).tobytes()
+    read = Vector().process_result_value(stored, DIALECT)
+    assert np.array(read, dtype=float).tobytes() == np.array(values, dtype=float).tobytes()
 
 
 def test_json_without_meaning_is_refused():
