@@ -4,6 +4,7 @@ import json
 import tomllib
 from datetime import datetime
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -234,6 +235,26 @@ def test_epochs_count_seconds_from_noon_of_the_first_of_january_2000(moment):
     expected = (moment - datetime(2000, 1, 1, 12)).total_seconds()
     # Two roundings of up to 1.4e10 s.
     assert seconds_past_j2000(moment.isoformat()) == pytest.approx(expected, abs=4e-6)
+
+
+@given(st.datetimes(), st.sampled_from(("seconds", "milliseconds", "microseconds")))
+@settings(max_examples=100, deadline=None, derandomize=True)
+def test_epochs_are_read_as_numpy_reads_them_to_the_bit(moment, form):
+    text = moment.isoformat(timespec=form)
+    microseconds = np.datetime64(text, "us") - np.datetime64("2000-01-01T12:00:00", "us")
+    assert seconds_past_j2000(text) == microseconds / np.timedelta64(1, "us") * 1e-6
+
+
+NO_DATES = ("2026-00-01", "2026-13-01", "2026-01-00", "2026-02-29", "2100-02-29")
+NO_TIMES = ("24:00:00", "00:60:00", "00:00:60")
+
+
+@pytest.mark.parametrize(
+    "text", [*(f"{date}T00:00:00" for date in NO_DATES), *(f"2026-01-01T{time}" for time in NO_TIMES)]
+)
+def test_an_epoch_that_no_calendar_has_is_refused(text):
+    with pytest.raises(ValueError, match=f"expected a calendar epoch, got {text}"):
+        seconds_past_j2000(text)
 
 
 def test_the_latest_arrival_counts_every_coast_and_the_longest_outage_of_any_problem():
