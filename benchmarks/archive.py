@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import typer
 from numpy.typing import NDArray
 from sqlalchemy import func, insert, select
 from sqlalchemy.orm import Session
@@ -14,7 +15,7 @@ from benchmarks.load import PROVENANCE
 from core.constants import SECONDS_PER_DAY
 from core.problem import calendar_epoch, content_hash
 from service.db.dialect import FILL_TALLIES, TOTALS, insert_new, plain
-from service.db.engine import Database, place_of
+from service.db.engine import URL_VARIABLE, Database, place_of
 from service.db.tables import (
     AttemptRow,
     Base,
@@ -64,6 +65,12 @@ ATTEMPT = {
     "provenance_hash": PROVENANCE_HASH,
 }
 WHEN = {"created_at": 0.0, "updated_at": 0.0}
+
+
+def require_folder(folder: Path) -> None:
+    """Refuse to fill an archive that somebody lives on."""
+    if not isinstance(place_of(folder), Path):
+        raise typer.BadParameter(f"expected no database in {URL_VARIABLE}, got one; unset it")
 
 
 def fill(folder: Path, spec: Spec, n_solves: int, rng: np.random.Generator, *, is_done: bool = True) -> int:

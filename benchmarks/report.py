@@ -11,9 +11,8 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from benchmarks.archive import fill
+from benchmarks.archive import fill, require_folder
 from service.cli.options import Json
-from service.db.engine import URL_VARIABLE, place_of
 from service.report import write_report
 from service.spec import load_spec
 from service.store.store import Store
@@ -32,9 +31,7 @@ def main(
     specification = load_spec(spec or Path(str(files("service.spec") / "templates" / "paper.toml")))
     with TemporaryDirectory() as place:
         folder = Path(place)
-        if not isinstance(place_of(folder), Path):
-            # It would fill an archive that somebody lives on.
-            raise typer.BadParameter(f"expected no database in {URL_VARIABLE}, got one; unset it")
+        require_folder(folder)
         campaign_id = fill(folder, specification, outcomes, np.random.default_rng(rng_seed))
         with Store(folder, read_only=True) as store:
             facts, reading = _timed(lambda: store.campaign_facts(campaign_id))

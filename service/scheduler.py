@@ -10,16 +10,16 @@ not.  How long leases last, and how long a failed job waits for its next attempt
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TypeVar
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, TypeVar
 
 from core.problem import Problem
 from core.search.settings import REFINED, expand_mapping
 from service.spec import Spec
 from service.spec.search_spec import SearchSpec
 from service.spec.spec import Case, targets
+
+if TYPE_CHECKING:
+    from core.analysis.similarity import Array
 
 T = TypeVar("T")
 
@@ -75,7 +75,7 @@ class Candidate:
     delta_v_km_s: float
     time_of_flight_days: float
     #: Its reference in scaled variables, where an order asks for diversity [-].
-    features: NDArray[np.float64] | None = None
+    features: "Array | None" = None
 
 
 def is_exhausted(search: SearchSpec, progress: Progress) -> bool:
@@ -139,6 +139,8 @@ def chosen(search: SearchSpec, candidates: Iterable[Candidate]) -> list[Candidat
         ordered.sort(key=lambda candidate: candidate.time_of_flight_days)
     elif search.seeds.order == "diversity":
         # Imported here, since it needs the numerics and lists of campaigns, which plan nothing, do not.
+        import numpy as np
+
         from core.analysis.similarity import most_diverse
 
         # The best goes first, then always the one farthest from those before it.

@@ -6,14 +6,13 @@ statements.  Masses in kg, delta-v in km/s.  Undefined values, as of an empty sa
 
 from collections.abc import Callable, Sequence
 from math import exp, inf, isnan, log, nan, prod, sqrt
-from typing import NamedTuple
-
-import numpy as np
-import scipy
-from numpy.typing import ArrayLike
+from typing import TYPE_CHECKING, NamedTuple
 
 from core.constants import G0
 from core.problem import Problem, Spacecraft
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 #: Standard normal quantile of a two-sided 95 % interval, as the paper's tables are recomputed.
 Z_95 = 1.96
@@ -152,7 +151,7 @@ def total_delta_v_km_s(problem: Problem, final_mass_kg: float) -> float:
     return delta_v_km_s(problem.spacecraft, problem.spacecraft.wet_mass_kg, final_mass_kg)
 
 
-def spread(values: ArrayLike) -> Spread:
+def spread(values: "ArrayLike") -> Spread:
     """Return the mean with its interval, quartiles and extremes of numbers, eq. (M4).
 
     Student's t takes the numbers as independent; solutions of one seed are not quite.
@@ -166,6 +165,10 @@ def spread(values: ArrayLike) -> Spread:
     ----------
     docs/method.md, "Metrics".
     """
+    # Imported here: a list of campaigns shows ratios, and has no arrays.
+    import numpy as np
+    import scipy
+
     numbers = np.asarray(values, dtype=np.float64)
     n = len(numbers)
     if n == 0:

@@ -13,7 +13,8 @@ CampaignState = Literal["active", "paused", "done", "cancelled"]
 class Answer(BaseModel):
     """A body that the service sends."""
 
-    model_config = ConfigDict(from_attributes=True, ser_json_inf_nan="null")
+    # Built when it is first used: a list needs few of all models.
+    model_config = ConfigDict(defer_build=True, from_attributes=True, ser_json_inf_nan="null")
 
 
 class Fault(Answer):

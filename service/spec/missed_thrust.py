@@ -8,8 +8,6 @@ import re
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from core.errors import UserError
 from core.problem import LONGEST_OUTAGE_DAYS, Problem
 
@@ -63,9 +61,9 @@ def _numbers(name: str, text: str) -> list[float]:
         start, stop, step = (float(part) for part in match.groups())
         if not (step > 0.0 and 0.0 <= (stop - start) / step <= _MOST):
             raise GridError(f"{name}: expected START <= STOP in up to {_MOST} steps, got {text}")
-        # Rounded, so that 0.1:0.3:0.1 is what it says.
+        # Rounded, so that 0.1:0.3:0.1 is what it says; by this formula, as NumPy does it.
         n_steps = int((stop - start) / step + 1e-9)
-        return [float(value) for value in np.round(start + step * np.arange(n_steps + 1), 9)]
+        return [round((start + step * i) * 1e9) / 1e9 for i in range(n_steps + 1)]
     if _LIST.fullmatch(compact):
         return [float(part) for part in compact.split(",")]
     raise GridError(f"{name}: expected START:STOP:STEP or numbers with commas, got {text!r}")

@@ -56,7 +56,10 @@ Segments = Annotated[tuple[Annotated[StrictInt, Field(ge=1)], ...], Field(max_le
 class Strict(BaseModel):
     """Fields as a user writes them: no other ones, no number that is not finite."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
+    # Built when it is first used: a list needs few of all models.
+    model_config = ConfigDict(
+        defer_build=True, frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True
+    )
 
 
 def _listed_mappings(given: Any) -> Any:

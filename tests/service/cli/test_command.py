@@ -33,7 +33,7 @@ def test_the_help_of_all_needs_no_numerics_and_no_server():
     program = (
         "import sys\nfrom service.cli import main\nsys.argv = ['coastarc', '--help']\n"
         "try:\n    main()\nexcept SystemExit:\n"
-        "    print([name for name in ('numpy', 'numba', 'sqlalchemy', 'fastapi') if name in sys.modules])"
+        "    print([name for name in ('numpy', 'pydantic', 'sqlalchemy', 'fastapi') if name in sys.modules])"
     )
     ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert all(name in ran.stdout for name in COMMANDS)
@@ -50,11 +50,14 @@ def test_a_word_that_is_nearly_a_command_is_asked_about():
     assert code == 2 and "did you mean 'status'" in printed
 
 
-@pytest.mark.parametrize("words", [("status",), ("solutions", "list")])
+LISTS = ["status", "status --campaign 1", "solutions list", "solutions show e1ac2535"]
+
+
+@pytest.mark.parametrize("words", LISTS)
 def test_lists_of_an_archive_need_no_numerics_and_no_server(words, tmp_path):
     shutil.copy(ARCHIVE, tmp_path / "coastarc.db")
-    typed = ["coastarc", *words, "--data", str(tmp_path)]
-    heavy = ("numba", "spiceypy", "alembic", "fastapi", "httpx")
+    typed = ["coastarc", *words.split(), "--data", str(tmp_path)]
+    heavy = ("numpy", "scipy", "numba", "spiceypy", "alembic", "fastapi", "httpx")
     program = (
         f"import sys; from service.cli import main; sys.argv = {typed}\n"
         "try: main()\n"
