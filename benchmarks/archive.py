@@ -28,7 +28,7 @@ from service.db.tables import (
 )
 from service.spec import Spec
 from service.spec.search_spec import SearchSpec
-from service.store.events import noted
+from service.store.events import event_of
 from service.store.store import Store
 from service.validation import facts_of, figures, solution_hash
 from workers.messages import KIND_NUMBERS
@@ -136,7 +136,7 @@ class _Maker:
             (AttemptRow, [ATTEMPT | {"job_id": job["id"], "ending": job["ending"]} for job in jobs]),
             (SolutionRow, new),
             (SolveRow, list(solves)),
-            (EventRow, [noted(self.campaign_id, kind, 0.0, **data) for kind, data in events]),
+            (EventRow, [event_of(self.campaign_id, kind, 0.0, **data) for kind, data in events]),
         ]
         for table, rows in tables:
             if rows:

@@ -1,1 +1,1 @@
-"""What users touch: specifications in, a durable archive, an API, a live page and a command line out."""
+"""The service: specifications, a durable archive, a REST API, a live web page and a command line."""

@@ -1,4 +1,4 @@
-"""The coordinator's HTTP side: one factory that puts routes, guards and the page together."""
+"""The web application: routes, middleware and the page."""
 
 from collections.abc import Callable
 from functools import cache

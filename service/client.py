@@ -42,7 +42,7 @@ SILENCE_S = 40.0
 
 
 class ClientError(UserError, RuntimeError):
-    """A coordinator that is not there, or that refuses."""
+    """A coordinator that cannot be reached, or that rejects a request."""
 
     def __init__(self, detail: str, status: int | None = None, code: str | None = None) -> None:
         super().__init__(detail)
@@ -97,7 +97,7 @@ ROUTES = {
 
 
 class Client:
-    """A coordinator, asked by a person's program."""
+    """A client of one coordinator."""
 
     def __init__(self, url: str, token: str | None = None) -> None:
         self.url = url.rstrip("/")
@@ -126,7 +126,7 @@ class Client:
         return view, status in (201, 202)
 
     def import_campaign(self, file: Path) -> ImportView:
-        """Send a portable file, of which all is taken in or nothing."""
+        """Upload a portable file, which is imported whole or not at all."""
         more: dict[str, Any] = {"headers": {"Content-Type": "application/zip"}, "timeout": _PORTABLE}
         try:
             n_bytes, content = file.stat().st_size, file.open("rb")
@@ -150,26 +150,26 @@ class Client:
         return self._ask(f"{verb}_search", CampaignView, campaign_id=campaign_id, name=search)
 
     def set_campaign_priority(self, campaign_id: int, priority: int) -> CampaignView:
-        """Change when a campaign gets workers; lower goes first."""
+        """Set the priority of a campaign; lower goes first."""
         body = PriorityRequest(priority=priority)
         return self._ask("set_campaign_priority", CampaignView, body, campaign_id=campaign_id)
 
     def set_search_priority(self, campaign_id: int, search: str, priority: int) -> CampaignView:
-        """Change when a search gets workers; lower goes first."""
+        """Set the priority of a search; lower goes first."""
         body = PriorityRequest(priority=priority)
         return self._ask("set_search_priority", CampaignView, body, campaign_id=campaign_id, name=search)
 
     def set_search_weight(self, campaign_id: int, search: str, weight: float) -> CampaignView:
-        """Change how large a part of the workers a search gets, beside those of equal priority."""
+        """Set the share of the workers that a search gets among searches of equal priority."""
         body = WeightRequest(weight=weight)
         return self._ask("set_search_weight", CampaignView, body, campaign_id=campaign_id, name=search)
 
     def cancel_job(self, job_id: int) -> JobView:
-        """Take a job out of the queue, or have it stopped."""
+        """Cancel a queued or running job."""
         return self._ask("cancel_job", JobView, job_id=job_id)
 
     def requeue_job(self, job_id: int) -> JobView:
-        """Give a dead or cancelled job another attempt."""
+        """Requeue a dead or cancelled job."""
         return self._ask("requeue_job", JobView, job_id=job_id)
 
     # What reads.

@@ -1,4 +1,4 @@
-"""Checks of this installation: what a campaign needs, and what to do where something is missing."""
+"""Checks of the installation, each with a remedy."""
 
 import importlib.metadata
 import os
@@ -27,10 +27,10 @@ def check_all(folder: Path, port: int) -> list[Check]:
         "disk": lambda: _disk(folder),
         "port": lambda: _port(port),
     }
-    return [_looked(name, look) for name, look in looks.items()]
+    return [_run_check(name, look) for name, look in looks.items()]
 
 
-def _looked(name: str, look: Callable[[], Check]) -> Check:
+def _run_check(name: str, look: Callable[[], Check]) -> Check:
     try:
         return look()
     except Exception as error:

@@ -1,4 +1,4 @@
-"""Every refusal as `application/problem+json` (RFC 9457).
+"""Error responses as `application/problem+json` (RFC 9457).
 
 BodyError(ValueError)     a body that a route cannot read
 BusyError(RuntimeError)   as many heavy requests as there is room for
@@ -151,7 +151,7 @@ def _stale_attempt(_: Request, error: StaleAttemptError) -> JSONResponse:
 
 
 def _unavailable_archive(request: Request, error: UnavailableError) -> JSONResponse:
-    request.app.state.store.outage.tell(error)
+    request.app.state.store.downtime.tell(error)
     return unavailable(error)
 
 

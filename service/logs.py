@@ -1,4 +1,4 @@
-"""Logs of the service: the lines of `workers.logs`, and those of a transaction once it is stored."""
+"""Log records of a transaction, emitted once it is committed."""
 
 import logging
 from typing import Any
@@ -12,7 +12,7 @@ __all__ = ["IDS", "JsonLines", "about", "configure", "say"]
 
 
 def say(session: Session, log: logging.Logger, level: int, message: str, **ids: Any) -> None:
-    """Log what a transaction does once it is stored, and nothing if it is not."""
+    """Log on commit; nothing if the transaction is rolled back."""
     if log.isEnabledFor(level):
         extra = known(ids)
         event.listen(session, "after_commit", lambda _: log.log(level, message, extra=extra), once=True)

@@ -1,4 +1,4 @@
-"""Files that users ask for: new ones only, whole or not at all.
+"""Writes output files atomically, and never over an existing one.
 
 FileError(RuntimeError)   a file that cannot be written where it was asked for
 """

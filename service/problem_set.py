@@ -370,11 +370,11 @@ def _check_case(case: Case) -> Iterator[Check]:
         limit_km = None if stated.min_altitudes_km else stated.min_altitude_km
         found = certificate_of(case.solution, problem, x, limit_km).content
         yield _flight(case, found)
-        yield _made(f"{case.name} certificate", differences(stated, found), "says what this flight finds")
+        yield _check(f"{case.name} certificate", differences(stated, found), "says what this flight finds")
         yield _propellant(case, problem_mass(problem) - found.trajectories[0].mass.stated_arrival)
         yield _states(case, problem)
     except BenchmarkError as error:
-        yield _made(case.name, [str(error)], "")
+        yield _check(case.name, [str(error)], "")
 
 
 def problem_mass(problem: Problem) -> float:
@@ -389,19 +389,19 @@ def _flight(case: Case, found: CertificateContent) -> Check:
         f"{largest_miss_km(found):.3g} km uncorrected, {found.integrator.name}"
     )
     is_good = found.level == "strict" and found.is_sound
-    return _made(f"{case.name} flight", [] if is_good else [found.failure, *found.marks, told], told)
+    return _check(f"{case.name} flight", [] if is_good else [found.failure, *found.marks, told], told)
 
 
 def _propellant(case: Case, propellant_kg: float) -> Check:
     is_off = not abs(propellant_kg - case.propellant_kg) <= PROPELLANT_KG
     told = f"{propellant_kg:.6f} kg"
-    return _made(f"{case.name} propellant", [f"{told}, {case.propellant_kg} stated"] if is_off else [], told)
+    return _check(f"{case.name} propellant", [f"{told}, {case.propellant_kg} stated"] if is_off else [], told)
 
 
 def _states(case: Case, problem: Problem) -> Check:
     found = jumps(case.folder / STATES_FILE, problem)
     told = f"{found.n_arcs} arcs end within {1e3 * found.position_km:.0f} m, {found.velocity_km_s:.0e} km/s"
-    return _made(f"{case.name} states", [] if found.hold else [told], told)
+    return _check(f"{case.name} states", [] if found.hold else [told], told)
 
 
 def _same(name: str, stated: Any, found: Any) -> Check:
@@ -412,11 +412,11 @@ def _same(name: str, stated: Any, found: Any) -> Check:
             for key in keys
             if stated.get(key) != found.get(key)
         ]
-        return _made(name, faults, f"{len(keys)} as stated")
-    return _made(name, [] if stated == found else [f"{stated} stated, {found} found"], str(found)[:16])
+        return _check(name, faults, f"{len(keys)} as stated")
+    return _check(name, [] if stated == found else [f"{stated} stated, {found} found"], str(found)[:16])
 
 
-def _made(name: str, faults: list[str], found: str) -> Check:
+def _check(name: str, faults: list[str], found: str) -> Check:
     advice = "fetch the set again, or report what differs" if faults else ""
     return Check(
         name=name,

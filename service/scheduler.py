@@ -1,4 +1,4 @@
-"""Planning: which jobs a search still needs, when it has ended, and whose turn it is.
+"""Planning and fair scheduling of jobs.
 
 Pure functions that the store calls.  Every rule depends on the specification and on what is stored, never on
 the number of workers or on who came first, except that budgets in core seconds or solutions end a search at a
@@ -216,7 +216,7 @@ class Share:
 
 
 def in_turn(shares: list[Share], take: Callable[[int], tuple[T, int] | None], number: int) -> list[T]:
-    """Return up to `number` jobs, each from the search whose turn it is.
+    """Return up to `number` jobs by weighted fair sharing between searches.
 
     Parameters
     ----------
@@ -253,7 +253,7 @@ LONGEST_BACKOFF_S = 60.0
 
 @dataclass(frozen=True, slots=True)
 class LeaseSettings:
-    """The clockwork of leases [s]: a lease outlives two heartbeats that got lost."""
+    """Lease timing [s]: a lease outlives two lost heartbeats."""
 
     lease_s: float = 30.0
     heartbeat_s: float = 10.0
@@ -261,7 +261,7 @@ class LeaseSettings:
     reap_s: float = 5.0
 
     def __post_init__(self) -> None:
-        """Refuse a clockwork that would take jobs from workers that are well."""
+        """Refuse a timing under which healthy workers would lose their jobs."""
         if not 0 < self.heartbeat_s < self.lease_s or not self.reap_s > 0:
             raise ValueError(
                 f"leases: expected 0 < heartbeat_s < lease_s and 0 < reap_s, got heartbeat_s = "

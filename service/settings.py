@@ -27,7 +27,7 @@ class SettingsError(UserError, ValueError):
 
 
 class Settings(BaseModel):
-    """What an operator may choose."""
+    """Settings of an operator."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

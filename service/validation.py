@@ -1,4 +1,4 @@
-"""Whether what is said of solves and solutions can be so.
+"""Validation of solves and solutions.
 
 One set of rules for all that comes from elsewhere: outcomes of workers, portable files, and the rows of an
 archive in `coastarc db check`.  What follows from a vector or from an address is worked out again: hashes,
@@ -59,7 +59,7 @@ _STATUSES = frozenset(ExitStatus.__members__)
 
 
 class UnsoundError(ValueError):
-    """Something that cannot be so."""
+    """An inconsistent solve or solution."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -219,14 +219,14 @@ def _require_epochs(thing: str, about: ProblemFacts, said: Mapping[str, Any]) ->
 
 
 def require_outcome(job: JobFacts, outcome: JobOutcome, done: Mapping[int, str]) -> None:
-    """Refuse what a worker says of an attempt unless it can be so.
+    """Refuse an inconsistent outcome of a worker.
 
     `done` has the endings of the hops that earlier reports on the same job brought, by hop: a report may
     bring the first hops of a chain, the rest of it, or all again.
     """
     hops = [record.hop for record in outcome.solves]
     if any(later <= earlier for earlier, later in pairwise(hops)):
-        raise UnsoundError(f"solves: expected each hop once and in order, got {_shortened(hops)}")
+        raise UnsoundError(f"solves: expected each hop once and in order, got {_shorten(hops)}")
     if outcome.solves and outcome.provenance is None:
         raise UnsoundError("provenance: expected that of the solves, got none")
     require_records(job, outcome.solves)
@@ -319,6 +319,6 @@ def _require_found(thing: str, about: ProblemFacts, record: SolveRecord) -> None
         )
 
 
-def _shortened(hops: Sequence[int]) -> str:
+def _shorten(hops: Sequence[int]) -> str:
     listed = ", ".join(map(str, hops[:8]))
     return f"{listed}, ... ({len(hops)})" if len(hops) > 8 else listed

@@ -19,7 +19,7 @@ Pair = tuple[float | None, float | None]
 
 
 class CertifiedApproach(Message):
-    """The closest that a flight comes to a body."""
+    """The closest approach of a trajectory to a body."""
 
     body: str
     #: From the centre, and above the mean equatorial radius.
@@ -33,7 +33,7 @@ class CertifiedApproach(Message):
 
 
 class CertifiedThrough(Message):
-    """A trajectory flown from the departure to the target with no matchpoint and nothing corrected."""
+    """End-to-end propagation of a trajectory: from departure to target, no matchpoint, nothing corrected."""
 
     #: Distance and relative speed [km, km/s] between it and the target when the last segment ends, and at
     #: arrival; None where it was not flown so far.
@@ -92,7 +92,7 @@ class CertifiedIntegrator(Message):
 
 
 class CertifiedThirdTrajectory(Message):
-    """The reference or one realization, flown through by a third integrator."""
+    """The reference or one realization, propagated end to end by a third integrator."""
 
     insertion_miss: Pair
     arrival_miss: Pair
@@ -102,7 +102,7 @@ class CertifiedThirdTrajectory(Message):
 
 
 class CertifiedThird(Message):
-    """What an integrator of another kind finds, with another reading of the ephemeris."""
+    """The cross-check by an integrator of another kind, with another reading of the ephemeris."""
 
     integrator: str
     version: str

@@ -1,4 +1,4 @@
-"""Certificates made: a solution verified independently, and what was found written down.
+"""Make certificates: verify a solution independently, and write down what was found.
 
 Here alone the numbers of `core.verification.certificate` meet a clock and the versions of packages.
 """
@@ -86,7 +86,7 @@ def _lowest(verification: Verification) -> dict[str, float]:
 
 
 def trajectory(problem: Problem, x: NDArray[np.float64], verification: Verification) -> Trajectory:
-    """Return the reference's masses, times and delta-v."""
+    """Return masses, times and delta-v of the reference."""
     layout = layout_of(problem).reference
     shooting, initial_coast = float(x[layout.shooting_time]), float(x[layout.initial_coast])
     final_coast = float(x[layout.final_coast])
@@ -118,7 +118,7 @@ def basis(min_altitude_km: float | None, with_heyoka: bool = False) -> str:
     """
     third = {"heyoka": version("heyoka")} if with_heyoka else {}
     limits = dict(lowest_passages(min_altitude_km))
-    return content_hash({"min_altitudes_km": limits, **third, **_made_with()})
+    return content_hash({"min_altitudes_km": limits, **third, **_toolchain()})
 
 
 def certificate_of(
@@ -128,7 +128,7 @@ def certificate_of(
     min_altitude_km: float | None = None,
     with_heyoka: bool = False,
 ) -> CertificateDocument:
-    """Fly a solution again and return its certificate."""
+    """Re-propagate a solution and return its certificate."""
     began = time.process_time()
     found = certify(problem, x, min_altitude_km, with_heyoka)
     content, now = _content(solution_id, problem, found), datetime.now(UTC)
@@ -163,7 +163,7 @@ def _content(solution_id: str, problem: Problem, found: Certification) -> Certif
         ),
         kernels=dict(flight.kernels),
         third=_third(found),
-        **_made_with(),
+        **_toolchain(),
     )
 
 
@@ -185,7 +185,7 @@ def _marks(found: Certification) -> Iterator[str]:
         yield f"{name} arrives with {lack.mass_kg:.3f} kg, below the {lack.least_kg:g} kg that it has to keep"
 
 
-def _made_with() -> dict[str, Any]:
+def _toolchain() -> dict[str, Any]:
     made = provenance()
     return {
         "certificate_version": CERTIFICATE_VERSION,

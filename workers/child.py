@@ -20,7 +20,7 @@ from workers.messages import ChainPart, Claim, Ended, JobOutcome, Reached, Seale
 
 
 class Inbox:
-    """Reads orders on a thread of its own, so that a cancel is seen while a solve runs."""
+    """Reads requests on its own thread, so that a cancellation is seen while a solve runs."""
 
     def __init__(self, stream: TextIO) -> None:
         self.claims: queue.Queue[Claim] = queue.Queue()
@@ -28,7 +28,7 @@ class Inbox:
         self._stream = stream
 
     def start(self) -> None:
-        """Begin to read."""
+        """Start the reader thread."""
         threading.Thread(target=self._read, daemon=True).start()
 
     def is_cancelled(self, ticket: Ticket) -> bool:

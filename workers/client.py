@@ -1,4 +1,4 @@
-"""The coordinator over HTTP: one request sent once, and the source of jobs made of five of them.
+"""HTTP client of the coordinator: every request is sent once; five of them are the source of jobs.
 
 Whether and when to retry is for the caller; what may be retried is raised as `UnreachableError`.
 
@@ -50,11 +50,11 @@ A = TypeVar("A", bound=BaseModel)
 
 
 class ApiError(UserError, RuntimeError):
-    """A coordinator that cannot be asked, or not this."""
+    """A request that the coordinator cannot answer."""
 
 
 class RejectedError(ApiError):
-    """A refusal, with its status and the code that programs go by."""
+    """A request that was rejected, with the HTTP status and a machine-readable code."""
 
     def __init__(self, status: int, detail: str, code: str | None = None) -> None:
         super().__init__(detail)
@@ -63,7 +63,7 @@ class RejectedError(ApiError):
 
 
 class Api:
-    """The routes of one coordinator, for any thread."""
+    """Connection to one coordinator; thread-safe."""
 
     def __init__(
         self,
@@ -74,7 +74,7 @@ class Api:
     ) -> None:
         self.url = url.rstrip("/")
         self._http = httpx.Client(
-            base_url=_checked(self.url) + ROOT,
+            base_url=_check_url(self.url) + ROOT,
             headers={"Authorization": f"Bearer {token}"} if token else {},
             timeout=timeout_s,
             limits=httpx.Limits(keepalive_expiry=KEEPALIVE_S),
@@ -84,11 +84,11 @@ class Api:
         )
 
     def use_token(self, token: str) -> None:
-        """Send another token from now on."""
+        """Authenticate with another token from now on."""
         self._http.headers["Authorization"] = f"Bearer {token}"
 
     def __enter__(self) -> Self:
-        """Give the routes; connections are closed at the end of the block."""
+        """Return itself; connections are closed at the end of the block."""
         return self
 
     def __exit__(
@@ -131,19 +131,17 @@ class Api:
 
     @contextmanager
     def stream(self, path: str, headers: Mapping[str, str], read_timeout_s: float) -> Iterator[Iterator[str]]:
-        """Give the lines of an answer that stays open."""
-        with self._opened(path, headers, read_timeout_s) as reply:
+        """Yield the lines of a streamed response."""
+        with self._open(path, headers, read_timeout_s) as reply:
             yield reply.iter_lines()
 
     def pieces(self, path: str, read_timeout_s: float) -> Iterator[bytes]:
-        """Yield an answer that is too large for memory piece by piece; raise where its end is missing."""
-        with self._opened(path, {}, read_timeout_s) as reply:
+        """Yield a large response in chunks; raise if it was cut short."""
+        with self._open(path, {}, read_timeout_s) as reply:
             yield from reply.iter_bytes()
 
     @contextmanager
-    def _opened(
-        self, path: str, headers: Mapping[str, str], read_timeout_s: float
-    ) -> Iterator[httpx.Response]:
+    def _open(self, path: str, headers: Mapping[str, str], read_timeout_s: float) -> Iterator[httpx.Response]:
         timeout = httpx.Timeout(TIMEOUT_S, read=read_timeout_s)
         with self._faults_named(), self._http.stream("GET", path, headers=headers, timeout=timeout) as reply:
             if not reply.is_success:
@@ -180,7 +178,7 @@ class HttpSource:
         self._ask_for_token = ask_for_token
 
     def claim(self, request: ClaimRequest) -> ClaimAnswer:
-        """Return jobs, which are then this worker's for the time of a lease."""
+        """Return jobs, which this worker then holds under a lease."""
         return self._ask("claim", request, ClaimAnswer)
 
     def heartbeat(self, request: HeartbeatRequest) -> HeartbeatAnswer:
@@ -221,7 +219,7 @@ class HttpSource:
 
 
 def _fault_of(reply: httpx.Response) -> tuple[str, str | None]:
-    """Return what a refusal says, and its code."""
+    """Return the detail and the code of an error response."""
     try:
         fault = reply.json()
         return str(fault["detail"]), fault.get("code")
@@ -230,7 +228,7 @@ def _fault_of(reply: httpx.Response) -> tuple[str, str | None]:
         return f"coordinator: expected one at {url}, got status {reply.status_code} of something else", None
 
 
-def _checked(url: str) -> str:
+def _check_url(url: str) -> str:
     try:
         parsed = httpx.URL(url)
     except httpx.InvalidURL as error:

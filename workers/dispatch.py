@@ -82,13 +82,13 @@ class DispatchOrder(Message):
     prefix: str = ""
 
     def written(self) -> str:
-        """Return the order in one line and with its secret, to be handed over through a pipe."""
+        """Return the order as one line including its token, for a pipe."""
         token = self.token.get_secret_value() if self.token else None
         return json.dumps(self.model_dump(mode="json") | {"token": token})
 
 
 class TokenLine:
-    """The pipes to the coordinator, as far as they are about tokens."""
+    """Token renewal over the pipes to the coordinator."""
 
     def __init__(self) -> None:
         self._api: Api | None = None
@@ -96,11 +96,11 @@ class TokenLine:
         self._lock = threading.Lock()
 
     def serve(self, api: Api) -> None:
-        """Name whose tokens these are."""
+        """Set the client whose token is renewed."""
         self._api = api
 
     def ask(self) -> None:
-        """Ask for a token in place of one that is refused; any thread may, and one question is enough."""
+        """Request a new token in place of a refused one; thread-safe, at most once per period."""
         with self._lock:
             if time.monotonic() < self._due:
                 return
@@ -109,13 +109,13 @@ class TokenLine:
             sys.stdout.flush()
 
     def take(self, token: str) -> None:
-        """Go on with another token."""
+        """Use a new token."""
         if self._api is not None:
             self._api.use_token(token)
 
 
 def dispatch(order: DispatchOrder, stop: threading.Event, tokens: TokenLine | None = None) -> None:
-    """Work until told to stop; without a way to get another token, one that is refused is the end."""
+    """Work until told to stop; a refused token is fatal unless it can be renewed."""
     token = order.token.get_secret_value() if order.token else None
     with Api(order.url, token) as api:
         if tokens is not None:
@@ -132,12 +132,12 @@ def dispatch(order: DispatchOrder, stop: threading.Event, tokens: TokenLine | No
 
 
 def _own_outbox(url: str) -> Path:
-    """Return the folder of what waits for one coordinator."""
+    """Return the outbox folder for one coordinator."""
     return user_data_path("coastarc") / "outbox" / re.sub("[^A-Za-z0-9.-]+", "-", url)[:100]
 
 
 def stop_on_signals(stop: threading.Event) -> None:
-    """Let SIGINT and SIGTERM end the work in peace."""
+    """Shut down gracefully on SIGINT and SIGTERM."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
 
@@ -157,7 +157,7 @@ def _executor(order: DispatchOrder, stop: threading.Event) -> Executor:
 
 @contextmanager
 def _broken_off_by(stop: threading.Event) -> Iterator[None]:
-    """End this process, and all below it, if it is told to stop meanwhile.
+    """End this process and its descendants if a stop is requested meanwhile.
 
     Ray takes many seconds to start and listens to nobody; so early no job is held.
     """
@@ -196,7 +196,7 @@ def _worker(order: DispatchOrder, executor: Executor) -> WorkerInfo:
 
 
 def _listen(orders: FileIO, stop: threading.Event, tokens: TokenLine) -> None:
-    """Wait for the word or the death of the coordinator, and stop."""
+    """Wait until the coordinator says stop or closes the pipe."""
     while (line := orders.readline().decode()).startswith(NEW_TOKEN):
         tokens.take(line.removeprefix(NEW_TOKEN).strip())
     if not line:

@@ -37,8 +37,8 @@ from workers.messages import (
     wall_limit_s,
 )
 from workers.outbox import Outbox
-from workers.patience import Awake, Backoff, Outage
 from workers.process_tree import Usage
+from workers.retry import Awake, Backoff, Downtime
 
 log = logging.getLogger(__name__)
 
@@ -91,12 +91,12 @@ class Dispatcher:
         self._n_writes = 0
         self._n_writes_then: dict[Ticket, int] = {}
         self._hung: set[Ticket] = set()
-        #: Somebody else's by now, but not yet out of the executor.
+        #: Lease lost, but not yet out of the executor.
         self._disowned: set[Ticket] = set()
         self._line = Backoff()
         self._idle = Backoff(PATIENCE_S, IDLE_S)
-        self._outage = Outage("coordinator")
-        self._heartbeat = Heartbeat(source, self._info, self.held, self._outage)
+        self._downtime = Downtime("coordinator")
+        self._heartbeat = Heartbeat(source, self._info, self.held, self._downtime)
         self._adopt()
 
     def held(self) -> list[Ticket]:
@@ -133,7 +133,7 @@ class Dispatcher:
 
     def _claim(self) -> None:
         n_free = self._executor.capacity() - len(self._running)
-        # Whoever cannot hand in what it has done needs no more of it.
+        # Stop claiming while results cannot be reported.
         if n_free <= 0 or self._unreported or not (self._line.is_due() and self._idle.is_due()):
             return
         n_jobs = min(n_free, MOST_CLAIMED)
@@ -173,7 +173,7 @@ class Dispatcher:
             self._executor.cancel(ticket, force=True)
 
     def _kill_hung(self) -> None:
-        # A solve looks at the clock itself; whoever comes here is stuck where nobody looks.
+        # A solve checks the clock itself; one that is still running here is stuck in code that does not.
         now = self._awake()
         for ticket, end in self._running.items():
             if now > end and ticket not in self._hung:
@@ -211,7 +211,7 @@ class Dispatcher:
         self._disowned.discard(ticket)
 
     def _rest(self, ticket: Ticket, outcome: Sealed[Ended]) -> Sealed[Ended]:
-        """Return an outcome without the hops that are handed in, as far as it has any."""
+        """Return an outcome without the hops that are reported already."""
         if outcome.solves:
             # It has those that wait as well.
             self._parts.pop(ticket, None)
@@ -219,7 +219,7 @@ class Dispatcher:
         return outcome._replace(solves=tuple(solve for solve in outcome.solves if solve.hop >= first))
 
     def _hand_in(self) -> None:
-        """Hand in hops of chains that go on, so that the loss of a worker does not cost them."""
+        """Report finished hops of running chains, so that the loss of a worker does not cost them."""
         for ticket, part in list(self._parts.items()):
             if not self._line.is_due():
                 return
@@ -254,7 +254,7 @@ class Dispatcher:
     def _report_many(self) -> None:
         tickets = list(self._unreported)[:MOST_REPORTS]
         try:
-            answers = self._source.complete_many([self._finished(ticket) for ticket in tickets]).answers
+            answers = self._source.complete_many([self._report_of(ticket) for ticket in tickets]).answers
         except (FaultyError, UnacceptableError, StaleAttemptError):
             # None was taken.  Sent one by one, they tell which of them it is.
             return
@@ -262,15 +262,15 @@ class Dispatcher:
             self._wait(error)
         else:
             for ticket, answer in zip(tickets, answers, strict=True):
-                self._taken(ticket, answer)
+                self._accept_answer(ticket, answer)
 
-    def _finished(self, ticket: Ticket, has_digest: bool = False) -> Finished:
+    def _report_of(self, ticket: Ticket, has_digest: bool = False) -> Finished:
         digest = self._digests.get(ticket) if has_digest or ticket in self._adopted else None
         return Finished(ticket, self._unreported[ticket], digest)
 
     def _send(self, ticket: Ticket) -> None:
         try:
-            answer = self._source.complete(self._finished(ticket))
+            answer = self._source.complete(self._report_of(ticket))
         except FaultyError as error:
             # The others first: whether they are taken shows whose fault it is.
             self._unreported[ticket] = self._unreported.pop(ticket)
@@ -281,21 +281,21 @@ class Dispatcher:
         except UnacceptableError as error:
             self._replace(ticket, error)
         except StaleAttemptError as error:
-            # Somebody else has the job now; the fence has done its work.
+            # Lease lost: another worker has the job.
             level = logging.WARNING if ticket in self._kept else logging.INFO
             log.log(level, "%s", error, extra=_ids(ticket))
             self._settle(ticket)
         else:
-            self._taken(ticket, answer)
+            self._accept_answer(ticket, answer)
 
     def _is_given_up(self, ticket: Ticket) -> bool:
-        """Count a failure over a report, unless the source has not been well since the last one."""
+        """Count a failed report, unless the source has not worked since the last one."""
         if self._n_writes_then.get(ticket) != self._n_writes:
             self._n_writes_then[ticket] = self._n_writes
             self._n_faults[ticket] += 1
         return self._n_faults[ticket] >= MOST_FAULTS
 
-    def _taken(self, ticket: Ticket, answer: CompleteAnswer) -> None:
+    def _accept_answer(self, ticket: Ticket, answer: CompleteAnswer) -> None:
         self._n_writes += 1
         is_result = self._unreported[ticket].head.ending in RESULTS
         if ticket in self._adopted and is_result and answer.state != "done":
@@ -317,7 +317,7 @@ class Dispatcher:
         self._idle.succeeded()
 
     def _replace(self, ticket: Ticket, error: SourceError) -> None:
-        """Put aside what is not taken, and report in its place that it is not, so that somebody sees it."""
+        """Set a rejected outcome aside and report an error in its place, so that it shows."""
         text = "job %d: expected a report that is accepted, got %s"
         log.error(text, ticket.job_id, error, extra=_ids(ticket))
         where = self._set_aside(ticket, str(error)) if self._unreported[ticket].solves else ""
@@ -329,8 +329,8 @@ class Dispatcher:
         self._n_faults.pop(ticket, None)
 
     def _set_aside(self, ticket: Ticket, reason: str) -> str:
-        """Write an outcome that is refused where somebody may look at it; return words that say where."""
-        path = self._outbox and self._outbox.set_aside(self._finished(ticket, has_digest=True))
+        """Save a rejected outcome for inspection; return a phrase that says where."""
+        path = self._outbox and self._outbox.set_aside(self._report_of(ticket, has_digest=True))
         self._kept.discard(ticket)
         if path is None:
             return ""
@@ -338,7 +338,7 @@ class Dispatcher:
         return f"; the outcome is kept in {path}"
 
     def _adopt(self) -> None:
-        """Take over what an earlier dispatcher could not hand in."""
+        """Load the outcomes that an earlier dispatcher could not report."""
         for report in self._outbox.reports() if self._outbox is not None else ():
             ticket = report.ticket
             self._unreported[ticket] = report.outcome
@@ -349,13 +349,13 @@ class Dispatcher:
             log.warning("%d outcomes of an earlier dispatcher are handed in first", len(self._adopted))
 
     def _keep(self) -> None:
-        """Write down what waits to be reported: this process may not live until the source is back."""
+        """Save unreported outcomes to disk: this process may not live until the source is back."""
         if self._outbox is None:
             return
         for ticket, outcome in self._unreported.items():
             if not outcome.solves or ticket in self._kept:
                 continue
-            if self._outbox.put(self._finished(ticket, has_digest=True)):
+            if self._outbox.put(self._report_of(ticket, has_digest=True)):
                 self._kept.add(ticket)
 
     def _leave(self) -> None:
@@ -366,7 +366,7 @@ class Dispatcher:
 
     def _heard(self) -> None:
         self._line.succeeded()
-        self._outage.end()
+        self._downtime.end()
 
     def _wait(self, error: UnreachableError) -> None:
         self._line.failed(error.wait_s)
@@ -375,14 +375,14 @@ class Dispatcher:
         text = f"{error}; asked again until it works; outcomes that wait to be handed in: {n}"
         if self._outbox is not None and self._kept:
             text += f", {len(self._kept)} of them in {self._outbox.folder}"
-        self._outage.tell(text)
+        self._downtime.tell(text)
 
     def _drain(self) -> None:
         for force, patience_s in ((False, GRACE_S), (True, REPORT_S)):
             for ticket in self._running:
                 self._executor.cancel(ticket, force)
             if force:
-                # Whoever waits for our end may not wait until the coordinator answers.
+                # Whoever waits for this process may not wait until the coordinator answers.
                 self._keep()
             deadline = time.monotonic() + patience_s
             while (self._running or (force and self._unreported)) and time.monotonic() < deadline:

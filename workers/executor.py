@@ -22,7 +22,7 @@ class ExecutorError(UserError, RuntimeError):
 
 
 class ExecutorLostError(ExecutorError):
-    """An executor that no longer answers: what it held is lost, and its process had better end."""
+    """An executor that no longer answers; its jobs are lost, and its process should exit."""
 
 
 class Executor(Protocol):
@@ -53,7 +53,7 @@ class Executor(Protocol):
         """Ask an attempt to stop and kill it after a grace, or kill it now; unknown tickets are ignored."""
 
     def close(self) -> None:
-        """Stop everything, and give back all resources."""
+        """Stop all jobs and release all resources."""
 
 
 Runner = Callable[[Job, Callable[[], bool]], JobOutcome]
@@ -100,5 +100,5 @@ class Inline:
             self._cancelled.append(Finished(ticket, Sealed(Ended(ending=Ending.CANCELLED))))
 
     def close(self) -> None:
-        """Forget what was submitted."""
+        """Drop what was submitted."""
         self._waiting.clear()

@@ -1,4 +1,4 @@
-"""Heartbeats on a thread of their own: a solve in the dispatcher's thread must never delay them."""
+"""Heartbeats, sent from their own thread: a solve in the dispatcher's thread must not delay them."""
 
 import queue
 import threading
@@ -16,7 +16,7 @@ from workers.messages import (
     UnreachableError,
     WorkerInfo,
 )
-from workers.patience import Backoff, Outage
+from workers.retry import Backoff, Downtime
 
 #: How soon after its start a worker is heard of, before it knows how often it has to be [s].
 FIRST_PERIOD_S = 0.25
@@ -25,33 +25,33 @@ LOOK_S = 0.5
 
 
 class Heartbeat:
-    """Says again and again what is held, and collects the answers."""
+    """Periodically reports the held jobs and collects the answers."""
 
     def __init__(
         self,
         source: JobSource,
         info: Callable[[], WorkerInfo],
         held: Callable[[], Sequence[Ticket]],
-        outage: Outage,
+        downtime: Downtime,
     ) -> None:
         #: As the source wants it [s].
         self.period_s = FIRST_PERIOD_S
         self._source = source
         self._info = info
         self._held = held
-        self._outage = outage
+        self._downtime = downtime
         self._answers: queue.SimpleQueue[HeartbeatAnswer] = queue.SimpleQueue()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="heartbeat", daemon=True)
         self._fault: Exception | None = None
 
     def __enter__(self) -> Self:
-        """Begin."""
+        """Start the thread."""
         self._thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Fall silent; a beat that waits for its answer is left behind."""
+        """Stop; do not wait for an in-flight request."""
         self._stop.set()
 
     def answers(self) -> Iterator[HeartbeatAnswer]:
@@ -62,7 +62,7 @@ class Heartbeat:
             yield self._answers.get()
 
     def beat(self, extend: bool = True) -> None:
-        """Say once what is held, to extend its leases or only to hear what to cancel."""
+        """Send one heartbeat, to extend the leases or only to learn what to cancel."""
         held = [HeldJob(**ticket._asdict()) for ticket in self._held()]
         for first in range(0, max(1, len(held)), MOST_HELD):
             part = tuple(held[first : first + MOST_HELD])
@@ -70,7 +70,7 @@ class Heartbeat:
             self._answers.put(self._source.heartbeat(request))
 
     def look(self) -> None:
-        """Hear what to cancel, if there is anything."""
+        """Ask what to cancel, if anything is held."""
         if self._held():
             self.beat(extend=False)
 
@@ -87,7 +87,7 @@ class Heartbeat:
                 backoff.succeeded()
                 pause_s = min(LOOK_S, max(0.0, next_beat - time.monotonic()))
             except UnreachableError as error:
-                self._outage.tell(f"heartbeat: {error}")
+                self._downtime.tell(f"heartbeat: {error}")
                 pause_s = min(backoff.failed(error.wait_s), self.period_s)
             except Exception as fault:
                 self._fault = fault

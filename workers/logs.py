@@ -3,7 +3,7 @@
 A line has `time` (UTC), `level`, `logger`, `message`, and where they are known `campaign`, `job`, `attempt`
 and `worker`.  Ids come from `about`, from a logging call's `extra`, or from `sign`.  What identifies somebody
 to the service (tokens, cookies, passwords in addresses) is never given to a logger; should it come all the
-same, as part of an error's text, it is blotted out here.
+same, as part of an error's text, it is redacted here.
 """
 
 import json
@@ -31,7 +31,7 @@ _signature: dict[str, Any] = {}
 
 @contextmanager
 def about(**ids: Any) -> Iterator[None]:
-    """Give ids to every line that is logged inside, in this thread or task."""
+    """Bind ids to every record logged inside the block, in this thread or task."""
     token = _about.set({**_about.get(), **known(ids)})
     try:
         yield
@@ -40,13 +40,13 @@ def about(**ids: Any) -> Iterator[None]:
 
 
 def sign(**ids: Any) -> None:
-    """Give ids to every line of this process from now on, instead of those that it had."""
+    """Bind ids to every record of this process from now on, replacing earlier ones."""
     _signature.clear()
     _signature.update(known(ids))
 
 
 def configure(stream: TextIO | None = None, level: int | str = logging.INFO) -> None:
-    """Write everything from `level` on to a stream, or to standard error, in place of earlier handlers."""
+    """Log everything from `level` on to a stream or to standard error, replacing earlier handlers."""
     handler = FoldingHandler(stream or sys.stderr)
     handler.setFormatter(JsonLines())
     root = logging.getLogger()
@@ -62,7 +62,7 @@ def configure(stream: TextIO | None = None, level: int | str = logging.INFO) -> 
 
 
 class FoldingHandler(logging.StreamHandler[TextIO]):
-    """Writes a fault that repeats itself once a minute, with the number of its repetitions.
+    """Logs a repeated fault once a minute, with the number of repetitions.
 
     The same line is folded from its second time on, lines of one place in the code from the twentieth: each
     of them may name another job, and a fault of all requests must not fill the disk on which the archive is.
@@ -74,7 +74,7 @@ class FoldingHandler(logging.StreamHandler[TextIO]):
         self._seen: dict[tuple[Any, ...], _Seen] = {}
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write a record unless it repeats another, and what has been folded by now."""
+        """Write a record unless it repeats another, and what is due of the repetitions."""
         now = self._clock()
         for key in [key for key, seen in self._seen.items() if now - seen.since >= FOLD_S]:
             self._tell(self._seen.pop(key))
@@ -83,7 +83,7 @@ class FoldingHandler(logging.StreamHandler[TextIO]):
         super().emit(record)
 
     def close(self) -> None:
-        """Write what has been folded."""
+        """Write the pending repetitions."""
         for seen in self._seen.values():
             self._tell(seen)
         self._seen.clear()
@@ -137,11 +137,11 @@ class JsonLines(logging.Formatter):
             "time": datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds"),
             "level": record.levelname.lower(),
             "logger": record.name,
-            "message": _blotted(record.getMessage()),
+            "message": _redact(record.getMessage()),
             **{name: ids[name] for name in IDS if name in ids},
         }
         if record.exc_info:
-            line["traceback"] = _blotted(self.formatException(record.exc_info))
+            line["traceback"] = _redact(self.formatException(record.exc_info))
         return json.dumps(line, ensure_ascii=False, default=str)
 
 
@@ -150,5 +150,5 @@ def known(ids: Mapping[str, Any]) -> dict[str, Any]:
     return {name: ids[name] for name in IDS if ids.get(name) is not None}
 
 
-def _blotted(message: str) -> str:
+def _redact(message: str) -> str:
     return _SECRETS.sub("***", message)

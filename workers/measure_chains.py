@@ -41,7 +41,7 @@ class ChainPlan:
     limits: SolveSettings = field(default_factory=SolveSettings)
 
     def __post_init__(self) -> None:
-        """Put the cases in order, and refuse what cannot be run."""
+        """Sort the cases, and check the plan."""
         _check_seeds(self.seeds)
         check_mappings(self.mappings)
         object.__setattr__(self, "cases", tuple(in_order(list(self.cases))))
@@ -59,7 +59,7 @@ class ChainPlan:
 
 
 def check_mappings(mappings: tuple[str, ...]) -> None:
-    """Refuse what is no mapping's name."""
+    """Check the names of mappings."""
     for mapping in mappings:
         if mapping not in MAPPINGS:
             raise ValueError(f"mapping: expected one of {', '.join(MAPPINGS)}, got {mapping!r}")
@@ -144,10 +144,10 @@ def _links(plan: ChainPlan, k_from: int, solved: list[SolvedLink]) -> Iterator[L
                 if k_from == 0:
                     yield Link(case, mapping, seed, None)
                 else:
-                    yield from (Link(case, mapping, *fed) for fed in _fed(plan, case, seed, solved))
+                    yield from (Link(case, mapping, *fed) for fed in _feeders(plan, case, seed, solved))
 
 
-def _fed(
+def _feeders(
     plan: ChainPlan, case: Case, root: Solution, solved: list[SolvedLink]
 ) -> Iterator[tuple[Solution, Case]]:
     """Return the solutions that descend from a seed and feed a case: one per feeding case."""

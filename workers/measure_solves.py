@@ -99,7 +99,7 @@ def _settings(limits: SolveSettings) -> JobSettings:
 
 
 def warm(executor: Executor, jobs: Iterable[Job]) -> None:
-    """Run jobs with few iterations on every process, so that nothing is compiled while the clock runs."""
+    """Run jobs with few iterations on every process, so that compilation is not timed."""
     for job in jobs:
         brief = job.settings.model_copy(update={"max_iterations": WARMING_ITERATIONS})
         brief_job = job.model_copy(update={"settings": brief})
@@ -194,16 +194,16 @@ def measured(problem: Problem, outcome: JobOutcome) -> tuple[Measurement, tuple[
 
 
 def _propellant(problem: Problem, solve: SolveRecord) -> float | None:
-    return None if solve.objective_kg is None else _transcribed(problem).start_mass_kg - solve.objective_kg
+    return None if solve.objective_kg is None else _transcription(problem).start_mass_kg - solve.objective_kg
 
 
 def _stationarity(problem: Problem, solve: SolveRecord) -> float | None:
-    residual = stationarity(_transcribed(problem), np.array(solve.x)).residual
+    residual = stationarity(_transcription(problem), np.array(solve.x)).residual
     return residual if np.isfinite(residual) else None
 
 
 @lru_cache(maxsize=64)
-def _transcribed(problem: Problem) -> Transcription:
+def _transcription(problem: Problem) -> Transcription:
     return transcribe(problem)
 
 
@@ -222,7 +222,7 @@ class Solution:
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Replace a file by a whole new one, so that whoever reads it or kills us finds no half of it."""
+    """Replace a file atomically."""
     beside = path.with_name(path.name + ".new")
     beside.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     os.replace(beside, path)
@@ -283,7 +283,7 @@ class GuessPlan:
     limits: SolveSettings = field(default_factory=SolveSettings)
 
     def __post_init__(self) -> None:
-        """Refuse what no guess can be drawn from."""
+        """Check the plan."""
         if self.n_guesses < 1:
             raise ValueError(f"guesses: expected at least 1, got {self.n_guesses}")
         if self.law not in GUESS_LAWS:
@@ -319,7 +319,7 @@ def solution_of(plan: GuessPlan, one: SolvedGuess) -> Solution:
     return Solution(one.number, plan.problem, one.x, one.measurement.propellant_kg, found.is_optimal)
 
 
-def found_seeds(
+def load_seeds(
     executor: Executor, plan: GuessPlan, n: int, tell: Callable[[str], None] = lambda line: None
 ) -> list[Solution]:
     """Return the first n distinct solutions in the order of the guesses, whatever the number of processes."""
@@ -463,12 +463,12 @@ GROUPS: dict[str, tuple[Case, ...]] = {
 DEFAULT_GROUPS = ("s1", "s2", "s3", "s3from2", "s12")
 
 
-def parsed_cases(text: str) -> list[Case]:
+def parse_cases(text: str) -> list[Case]:
     """Return the cases of a list like `S(1|0)@24,S(3|0)@12-24-40`."""
-    return [_parsed(part.strip()) for part in text.split(",")]
+    return [_parse_case(part.strip()) for part in text.split(",")]
 
 
-def grouped_cases(text: str) -> list[Case]:
+def group_cases(text: str) -> list[Case]:
     """Return the cases of named groups, as `s1,s12`."""
     found: list[Case] = []
     for name in (part.strip() for part in text.split(",")):
@@ -488,7 +488,7 @@ def in_order(cases: list[Case]) -> list[Case]:
     return kept
 
 
-def _parsed(text: str) -> Case:
+def _parse_case(text: str) -> Case:
     match = re.fullmatch(r"S\((\d+)\|(\d+)\)@(\d+(?:-\d+)*)", text)
     if match is None:
         raise ValueError(f"case: expected one like S(3|0)@12-24-40, got {text!r}")

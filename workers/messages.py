@@ -167,12 +167,12 @@ def wall_limit_s(job: HopJob | MapJob) -> float:
 
 
 def wall_limit_of(settings: JobSettings, k: int, n_solves: int) -> float:
-    """Return the same for so many solves of a P_k [s]."""
+    """Return the limit for so many solves of a P_k [s]."""
     return n_solves * (WALL_FACTOR * settings.cpu_seconds * (1 + k) + WALL_MARGIN_S) + HANG_MARGIN_S
 
 
 def job_digest(job: HopJob | MapJob) -> str:
-    """Return what tells a job from all others, of this archive or of another."""
+    """Return a digest that identifies a job, across archives too."""
     # Where an attempt begins is none of it.
     text = job.model_dump_json(exclude={"place"})
     return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
@@ -190,7 +190,7 @@ class Provenance(Message):
 
 
 class Trajectory(Message):
-    """What a designer asks first about a solution; masses and times are those of the reference."""
+    """Key figures of a solution; masses and times are those of the reference."""
 
     final_mass_kg: Figure
     #: Used in the transfer, that is since the departure state.
@@ -323,7 +323,7 @@ class Ticket(NamedTuple):
 
 
 class OfAttempt(Message):
-    """What is about one attempt at one job, whose number fences what is reported of it."""
+    """A message about one attempt at one job; the attempt is the fencing token of its reports."""
 
     job_id: int
     attempt: int
@@ -399,11 +399,11 @@ class HeartbeatRequest(Message):
 
 
 class HeartbeatAnswer(Message):
-    """What became of each held job; those to cancel are extended too, so that they can stop in peace."""
+    """The state of each held job; those to cancel are extended too, so that they can stop gracefully."""
 
     extended: tuple[HeldJob, ...] = ()
     to_cancel: tuple[HeldJob, ...] = ()
-    #: Somebody else's by now, or finished: stop, and report nothing.
+    #: Lease lost, or finished: stop, and report nothing.
     not_held: tuple[HeldJob, ...] = ()
 
 
@@ -439,14 +439,14 @@ class CompleteManyRequest(Message):
 
 
 class CompleteAnswer(OfAttempt):
-    """What the coordinator made of a report; the same report again gets the same answer."""
+    """The job's state after a report; the same report again gets the same answer."""
 
     #: The state that the job got by this report.
     state: Literal["done", "queued", "dead", "cancelled"]
 
 
 class CompleteManyAnswer(Message):
-    """What the coordinator made of several reports, in their order."""
+    """The answers to several reports, in their order."""
 
     answers: tuple[CompleteAnswer, ...]
 
@@ -479,7 +479,7 @@ class SourceError(UserError, RuntimeError):
 
 
 class UnreachableError(SourceError):
-    """No answer now; the same may be asked again, and `wait_s` is how soon at the earliest."""
+    """No answer now; the request may be repeated after `wait_s`."""
 
     def __init__(self, detail: str, wait_s: float = 0.0, status: int | None = None) -> None:
         super().__init__(detail)
@@ -489,15 +489,15 @@ class UnreachableError(SourceError):
 
 
 class FaultyError(UnreachableError):
-    """A source that failed over this very question, and will perhaps fail over it every time."""
+    """The source failed on this request, and may fail on it every time."""
 
 
 class RefusedError(SourceError):
-    """The source will not work with this worker; somebody has to look at its token or its version."""
+    """The source refuses this worker, because of its token or its version."""
 
 
 class UnacceptableError(SourceError):
-    """A report that the source will not take, however often it comes."""
+    """A report that the source rejects, however often it is sent."""
 
 
 class StaleAttemptError(SourceError):

@@ -1,4 +1,4 @@
-"""Outcomes that no coordinator has taken yet, as files: so they outlive the dispatcher that holds them.
+"""Unreported outcomes as files, so that they outlive the dispatcher that holds them.
 
 A file is the body of `POST /jobs/complete` as it stands, `job-17-attempt-1.json`, written whole or not at
 all.  The next dispatcher of the same folder offers what it finds there.  What is refused for good is moved to
@@ -18,13 +18,13 @@ log = logging.getLogger(__name__)
 
 
 class Outbox:
-    """One folder of reports; a disk that takes none is told of, and never in the way."""
+    """A folder of reports; a disk that takes none is logged, and never stops the work."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
     def reports(self) -> Iterator[Finished]:
-        """Yield what an earlier dispatcher could not hand in."""
+        """Yield the outcomes that an earlier dispatcher could not report."""
         for path in sorted(self.folder.glob("job-*.json")):
             try:
                 report = CompleteRequest.model_validate_json(path.read_bytes())
@@ -39,7 +39,7 @@ class Outbox:
         return self._write(self.folder, report) is not None
 
     def remove(self, ticket: Ticket) -> None:
-        """Forget what has been taken."""
+        """Delete a report that was accepted."""
         try:
             (self.folder / _name(ticket)).unlink(missing_ok=True)
         except OSError as error:
@@ -47,7 +47,7 @@ class Outbox:
             log.warning("outcome of job %d: expected to remove its file, got %s", ticket.job_id, error)
 
     def set_aside(self, report: Finished) -> Path | None:
-        """Move a report to those that were refused; return where it is now."""
+        """Move a report to the rejected ones; return its path."""
         path = self._write(self.folder / "refused", report)
         if path is not None:
             self.remove(report.ticket)

@@ -51,7 +51,7 @@ class _Child:
         self._reader.start()
 
     def send(self, order: dict[str, Any]) -> None:
-        """Write an order; a child that just died is noticed by its reader."""
+        """Send a request; a child that just died is noticed by its reader."""
         assert self.process.stdin is not None
         try:
             self.process.stdin.write(json.dumps(order) + "\n")
@@ -77,7 +77,7 @@ class _Child:
         return f"worker process: expected a reply, got exit code {self.process.wait()}\n{printed}".strip()
 
     def dismiss(self) -> None:
-        """Tell the process to end."""
+        """Ask the process to exit."""
         assert self.process.stdin is not None
         try:
             self.process.stdin.close()
@@ -85,7 +85,7 @@ class _Child:
             pass  # A child that died first leaves unflushed orders behind.
 
     def leave(self) -> None:
-        """End the process, gently if it lets us, and close its pipes."""
+        """Stop the process, gracefully if possible, and close its pipes."""
         assert self.process.stdout is not None
         self.dismiss()
         try:
@@ -118,7 +118,7 @@ class ProcessPool:
         self._grace_s = grace_s
         self._replies: queue.Queue[tuple[_Child, str | None]] = queue.Queue()
         self._parts: list[HandedIn] = []
-        self._children = [self._started() for _ in range(n_workers)]
+        self._children = [self._start_child() for _ in range(n_workers)]
 
     def capacity(self) -> int:
         """Return the number of processes."""
@@ -143,7 +143,7 @@ class ProcessPool:
         """Return what has ended, after waiting at most `timeout` seconds for a first one."""
         self._kill_overdue()
         done = []
-        for child, line in self._arrived(timeout):
+        for child, line in self._replies_within(timeout):
             reply = {} if line is None else json.loads(line)
             if "part" in reply:
                 self._parts.append(HandedIn(Ticket(*reply["ticket"]), unpacked(Reached, reply["part"])))
@@ -175,7 +175,7 @@ class ProcessPool:
                     child.send({"cancel": list(ticket)})
 
     def close(self) -> None:
-        """End all processes, which leave at the same time."""
+        """Stop all processes, in parallel."""
         for child in self._children:
             child.dismiss()
         for child in self._children:
@@ -187,15 +187,15 @@ class ProcessPool:
             if child.patience_ends is not None and time.monotonic() > child.patience_ends:
                 child.kill()
 
-    def _started(self) -> _Child:
+    def _start_child(self) -> _Child:
         return _Child(self._runner, self._replies)
 
     def _restart(self, child: _Child) -> None:
         if child in self._children:
             child.leave()
-            self._children[self._children.index(child)] = self._started()
+            self._children[self._children.index(child)] = self._start_child()
 
-    def _arrived(self, timeout: float) -> Iterator[tuple[_Child, str | None]]:
+    def _replies_within(self, timeout: float) -> Iterator[tuple[_Child, str | None]]:
         try:
             yield self._replies.get(timeout=timeout)
             while True:

@@ -16,7 +16,7 @@ _PR_SET_CHILD_SUBREAPER = 36
 
 
 def adopt_orphans() -> None:
-    """Become the parent of what those below this process leave behind when they are killed.
+    """Become the parent of processes that killed descendants leave behind.
 
     Else nobody could tell any more whose they were.
     """
@@ -25,7 +25,7 @@ def adopt_orphans() -> None:
 
 
 def kill(processes: Iterable[psutil.Process]) -> None:
-    """Kill processes, those that are gone already excepted; nobody is waited for."""
+    """Kill processes without waiting for them; those that have exited are ignored."""
     for process in processes:
         try:
             process.kill()
@@ -34,7 +34,7 @@ def kill(processes: Iterable[psutil.Process]) -> None:
 
 
 def kill_descendants() -> None:
-    """Kill every child of this process and theirs."""
+    """Kill all descendants of this process."""
     kill(psutil.Process().children(recursive=True))
 
 
@@ -62,14 +62,14 @@ class Usage:
         self._last: Need | None = None
 
     def read(self) -> Need | None:
-        """Return what was needed in the last seconds, or None before a first few are over."""
+        """Return the recent usage, or None in the first seconds."""
         with self._lock:
             passed = time.monotonic() - self._at
             if passed >= self._kept_s:
-                self._last = self._measured(passed)
+                self._last = self._measure(passed)
             return self._last
 
-    def _measured(self, passed: float) -> Need:
+    def _measure(self, passed: float) -> Need:
         seconds, memory = self._look()
         # Of a process that has ended since, the last moments are not known; one that is new began at zero.
         spent = sum(now - self._seconds.get(process, 0.0) for process, now in seconds.items())

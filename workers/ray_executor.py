@@ -175,7 +175,7 @@ class RayCluster:
         self._open(token, address=address)
 
     def _open(self, token: Path | None, **options: Any) -> None:
-        self.ray = ray = _imported(token)
+        self.ray = ray = _import_ray(token)
         try:
             with _signals_kept(), chdir(PACKAGES), ended_after(INIT_S):
                 ray.init(log_to_driver=False, logging_level="ERROR", **options)
@@ -218,7 +218,7 @@ class RayCluster:
                     continue
 
 
-def _imported(token: Path | None) -> Any:
+def _import_ray(token: Path | None) -> Any:
     """Return ray, imported where it can see that it has to authenticate."""
     if "ray" in sys.modules and os.environ.get("RAY_AUTH_MODE") != "token":
         raise ExecutorError("ray: expected to be imported by its executor alone, got an import without token")
@@ -252,7 +252,7 @@ def _signals_kept() -> Iterator[None]:
 
 
 class _Attempt:
-    """A task of Ray, and what we did to it."""
+    """A task of Ray, and what was asked of it."""
 
     def __init__(self, reference: Any) -> None:
         self.reference = reference
@@ -300,19 +300,19 @@ class RayExecutor:
     def finished(self, timeout: float) -> list[Finished]:
         """Return what has ended, after waiting at most `timeout` seconds for a first one."""
         try:
-            return self._finished(time.monotonic() + timeout)
+            return self._wait(time.monotonic() + timeout)
         except ExecutorLostError:
             self._cluster.is_lost = True
             raise
 
-    def _finished(self, end: float) -> list[Finished]:
+    def _wait(self, end: float) -> list[Finished]:
         while True:
             self._cluster.require_alive()
             self._watchdog.look()
             self._kill_overdue()
             # Short waits, so that a long one does not keep the watchdog from looking.
             patience = min(max(0.0, end - time.monotonic()), 1.0)
-            done = self._ended(patience)
+            done = self._ended_tasks(patience)
             if done or time.monotonic() >= end:
                 return [Finished(ticket, self._outcome(self._running.pop(ticket))) for ticket in done]
 
@@ -345,7 +345,7 @@ class RayExecutor:
             if attempt.patience_ends is not None and now > attempt.patience_ends:
                 self.cancel(ticket, force=True)
 
-    def _ended(self, patience: float) -> list[Ticket]:
+    def _ended_tasks(self, patience: float) -> list[Ticket]:
         if not self._running:
             time.sleep(patience)
             return []

@@ -68,7 +68,7 @@ def probe() -> tuple[str, ...]:
 
 
 def answer() -> None:
-    """Show that there is still somebody who runs tasks."""
+    """Show that tasks are still run."""
 
 
 def execute(runner: str, claim: str, expected: tuple[str, ...]) -> bytes:
@@ -95,7 +95,7 @@ def _limit_threads() -> None:
 
 @contextmanager
 def _stop_flag() -> Iterator[Callable[[], bool]]:
-    """Give the function that says whether Ray was asked to cancel this task.
+    """Yield the function that tells whether this task was cancelled.
 
     Ray cancels by interrupting the main thread.  Taken as a flag, the interrupt cannot hit an import or a
     compilation in the middle, and a solve hands in what it finished before.
@@ -220,7 +220,7 @@ def ended_after(seconds: float) -> Iterator[None]:
 
 
 class Watchdog:
-    """Asks the cluster now and then to do nothing, since calls wait for ever once its raylet is dead."""
+    """Probes the cluster with empty tasks, since calls block for ever once its raylet is dead."""
 
     def __init__(self, ray: Any, interval_s: float = 5.0, timeout_s: float = 10.0) -> None:
         self._ray = ray
@@ -232,7 +232,7 @@ class Watchdog:
         self._n_missed = 0
 
     def look(self) -> None:
-        """Ask, or look for the answer; raise ExecutorLostError when there were two in a row without one."""
+        """Send a probe or check its answer; raise ExecutorLostError after two in a row without one."""
         now = time.monotonic()
         if self._asked is None:
             if now >= self._next:

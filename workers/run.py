@@ -45,9 +45,9 @@ from workers.messages import (
     MapJob,
     SolveRecord,
 )
-from workers.patience import Awake
 from workers.process_tree import require_one_thread
 from workers.provenance import provenance
+from workers.retry import Awake
 
 Stop = Callable[[], bool]
 
@@ -167,7 +167,7 @@ def _outcome(ending: Ending, solves: list[SolveRecord], error: str | None = None
 
 def _solves(job: Job, stop: Stop) -> Iterator[tuple[SolveRecord, Chain | None]]:
     """Yield each solve, with the chain that it belongs to."""
-    return _hops(job, stop) if isinstance(job, HopJob) else _mapped(job, stop)
+    return _hops(job, stop) if isinstance(job, HopJob) else _solve_seed(job, stop)
 
 
 def _hops(job: HopJob, stop: Stop) -> Iterator[tuple[SolveRecord, Chain]]:
@@ -187,7 +187,7 @@ def _hops(job: HopJob, stop: Stop) -> Iterator[tuple[SolveRecord, Chain]]:
         yield _record(job, hop, problem, outcome, times, move), chain
 
 
-def _mapped(job: MapJob, stop: Stop) -> Iterator[tuple[SolveRecord, None]]:
+def _solve_seed(job: MapJob, stop: Stop) -> Iterator[tuple[SolveRecord, None]]:
     problem, seed_problem = precompiled(job.problem, job.settings), problem_from(job.seed_problem)
     seed, form = np.array(job.seed_x), _form(job.settings)
     deadline = _Deadline(job.settings, problem, stop)
@@ -282,7 +282,7 @@ def _record(
     times: tuple[float, float],
     move: Any = None,
 ) -> SolveRecord:
-    judged = _judged(problem, outcome)
+    judged = _verify(problem, outcome)
     place = hop_address(job, hop)
     ending = Ending.FEASIBLE if judged else ENDINGS.get(outcome.status.name, Ending.INFEASIBLE)
     return SolveRecord(
@@ -303,7 +303,7 @@ def _record(
     )
 
 
-def _judged(problem: Problem, outcome: Outcome) -> dict[str, Any]:
+def _verify(problem: Problem, outcome: Outcome) -> dict[str, Any]:
     """Return vector, facts and certificate of a solution, or nothing if it is none."""
     # The verifier lets pass what touches no surface.
     if outcome.status is ExitStatus.IMPACT or violation(outcome.defects, PAPER) > 1.0:

@@ -1,4 +1,4 @@
-"""Campaigns: submitted, watched and steered, exported and imported."""
+"""Routes of campaigns: submit, monitor, control, export and import."""
 
 import tempfile
 from collections.abc import AsyncIterator
@@ -49,7 +49,7 @@ async def submit_campaign(
     A large one is answered (202) before all of its jobs are planned: a search waits until its own are.
     With an `Idempotency-Key` another specification under the same key is refused (409, `key_reused`).
     """
-    view, is_new, is_planned = await heavy.run(_submitted, store, spec, idempotency_key)
+    view, is_new, is_planned = await heavy.run(_submit, store, spec, idempotency_key)
     response.status_code = (201 if is_planned else 202) if is_new else 200
     if not is_planned:
         # What is cut off by the end of the process, the next coordinator of the archive plans.
@@ -58,7 +58,7 @@ async def submit_campaign(
     return view
 
 
-def _submitted(store: Store, spec: dict[str, Any], key: str | None) -> tuple[CampaignView, bool, bool]:
+def _submit(store: Store, spec: dict[str, Any], key: str | None) -> tuple[CampaignView, bool, bool]:
     specification = spec_from(spec)
     require_flyable(specification.problem)
     campaign_id, is_new = store.begin_campaign(specification, key)
@@ -73,49 +73,49 @@ def get_campaign(campaign_id: Id, store: StoreHere) -> CampaignView:
 
 @router.post("/campaigns/{campaign_id}/pause", responses=CONFLICT)
 def pause_campaign(campaign_id: Id, store: StoreHere) -> CampaignView:
-    """Hand out no more jobs of a campaign; those that run finish."""
+    """Dispatch no more jobs of a campaign; running ones finish."""
     store.control_campaign(campaign_id, "pause")
     return store.campaign(campaign_id)
 
 
 @router.post("/campaigns/{campaign_id}/resume", responses=CONFLICT)
 def resume_campaign(campaign_id: Id, store: StoreHere) -> CampaignView:
-    """Let a paused campaign go on."""
+    """Resume a paused campaign."""
     store.control_campaign(campaign_id, "resume")
     return store.campaign(campaign_id)
 
 
 @router.post("/campaigns/{campaign_id}/cancel", responses=CONFLICT)
 def cancel_campaign(campaign_id: Id, store: StoreHere) -> CampaignView:
-    """End a campaign for good, and have its running jobs stopped; all results are kept."""
+    """Cancel a campaign for good and stop its running jobs; all results are kept."""
     store.control_campaign(campaign_id, "cancel")
     return store.campaign(campaign_id)
 
 
 @router.post("/campaigns/{campaign_id}/priority")
 def set_campaign_priority(campaign_id: Id, wanted: PriorityRequest, store: StoreHere) -> CampaignView:
-    """Let a campaign go before others or after them; lower goes first, 0 is usual."""
+    """Set the priority of a campaign; lower goes first, 0 is the default."""
     store.set_campaign(campaign_id, priority=wanted.priority)
     return store.campaign(campaign_id)
 
 
 @router.post("/campaigns/{campaign_id}/searches/{name}/pause", responses=CONFLICT)
 def pause_search(campaign_id: Id, name: SearchName, store: StoreHere) -> CampaignView:
-    """Hand out no more jobs of a search; those that run finish."""
+    """Dispatch no more jobs of a search; running ones finish."""
     store.control_search(campaign_id, name, "pause")
     return store.campaign(campaign_id)
 
 
 @router.post("/campaigns/{campaign_id}/searches/{name}/resume", responses=CONFLICT)
 def resume_search(campaign_id: Id, name: SearchName, store: StoreHere) -> CampaignView:
-    """Let a paused search go on."""
+    """Resume a paused search."""
     store.control_search(campaign_id, name, "resume")
     return store.campaign(campaign_id)
 
 
 @router.post("/campaigns/{campaign_id}/searches/{name}/cancel", responses=CONFLICT)
 def cancel_search(campaign_id: Id, name: SearchName, store: StoreHere) -> CampaignView:
-    """End a search for good; searches that take its seeds go on with what it has found."""
+    """Cancel a search for good; searches that it seeds go on with what it has found."""
     store.control_search(campaign_id, name, "cancel")
     return store.campaign(campaign_id)
 
@@ -124,7 +124,7 @@ def cancel_search(campaign_id: Id, name: SearchName, store: StoreHere) -> Campai
 def set_search_weight(
     campaign_id: Id, name: SearchName, wanted: WeightRequest, store: StoreHere
 ) -> CampaignView:
-    """Give a search another part of the workers, compared with searches of equal priority."""
+    """Set the share of the workers that a search gets among searches of equal priority."""
     store.set_search(campaign_id, name, weight=wanted.weight)
     return store.campaign(campaign_id)
 
@@ -133,7 +133,7 @@ def set_search_weight(
 def set_search_priority(
     campaign_id: Id, name: SearchName, wanted: PriorityRequest, store: StoreHere
 ) -> CampaignView:
-    """Let a search go before others or after them; lower goes first, -k is usual for S(k|k')."""
+    """Set the priority of a search; lower goes first, -k is the default of S(k|k')."""
     store.set_search(campaign_id, name, priority=wanted.priority)
     return store.campaign(campaign_id)
 
@@ -159,7 +159,7 @@ def export_campaign(campaign_id: Id, store: StoreHere) -> StreamingResponse:
 
 
 async def _sent(request: Request, store: StoreHere) -> AsyncIterator[BinaryIO]:
-    """Give the body as a file beside the archive, which has no name there and is gone with the request."""
+    """Yield the request body as an unnamed temporary file beside the archive."""
     with tempfile.TemporaryFile(dir=store.folder) as draft:
         await save_body(request.receive, MAX_PORTABLE_BYTES, draft)
         yield draft
@@ -174,7 +174,7 @@ async def _sent(request: Request, store: StoreHere) -> AsyncIterator[BinaryIO]:
 def import_campaign(
     file: Annotated[BinaryIO, Depends(_sent)], store: StoreHere, response: Response
 ) -> ImportView:
-    """Take in the campaign of a portable file, all of it or nothing; what is there already stays (200)."""
+    """Import the campaign of a portable file, all or nothing; what is there already stays (200)."""
     taken = import_file(store, file, "that was sent")
     response.status_code = 201 if taken.new_campaigns else 200
     response.headers["location"] = f"/api/v1/campaigns/{taken.campaign_id}"

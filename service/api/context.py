@@ -1,4 +1,4 @@
-"""What routes are given: the store, who asks, and the bounds of what may be asked."""
+"""Dependencies of the routes: the store, the identity of the client, and bounds of parameters."""
 
 from typing import Annotated
 

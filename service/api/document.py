@@ -1,4 +1,4 @@
-"""The OpenAPI document, finished: an example for each body and answer, refusals as the problems they are."""
+"""Completes the OpenAPI document: an example for each body and answer, and error responses (RFC 9457)."""
 
 import json
 from http import HTTPStatus
@@ -26,7 +26,7 @@ CODES = {409: "stale_attempt"}
 
 
 def finish_document(app: FastAPI) -> None:
-    """Have an application give out the finished document."""
+    """Make an application serve the completed document."""
     made = app.openapi
 
     def openapi() -> dict[str, Any]:

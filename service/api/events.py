@@ -1,4 +1,4 @@
-"""What happens, as it happens: server-sent events, and the same rows by request."""
+"""Events: server-sent as they happen, and the same rows by request."""
 
 import time
 from collections.abc import AsyncIterator
@@ -102,7 +102,7 @@ async def _stream(
             events = await run_in_threadpool(store.events, last, campaign_id, PAGE)
         except UnavailableError as error:
             # A browser comes back after a stream that broke, but not after a refusal: so the stream stays.
-            store.outage.tell(error)
+            store.downtime.tell(error)
             events = []
         for event in events:
             last = event.id

@@ -1,4 +1,4 @@
-"""Whether the service is alive, whether campaigns would go on now, and what Prometheus reads."""
+"""Liveness, readiness, and metrics for Prometheus."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -60,13 +60,13 @@ class _Scrape(Collector):
 
 
 def _work(reading: Reading) -> Iterable[Metric]:
-    """Return what there is to do and how it ends; what has not occurred is 0, so that rates have a start."""
+    """Yield the metrics of jobs and solves; what has not occurred is 0, so that rates have a start."""
     return (
-        _labelled(GaugeMetricFamily, "jobs", "Jobs", "state", JOB_STATES, reading.jobs),
-        _labelled(GaugeMetricFamily, "campaigns", "Campaigns", "state", CAMPAIGN_STATES, reading.campaigns),
-        _labelled(GaugeMetricFamily, "attempts", "Attempts", "ending", ("open", *ENDINGS), reading.attempts),
-        _labelled(CounterMetricFamily, "solves", "Solves", "ending", ENDINGS, reading.solves),
-        _labelled(
+        _family(GaugeMetricFamily, "jobs", "Jobs", "state", JOB_STATES, reading.jobs),
+        _family(GaugeMetricFamily, "campaigns", "Campaigns", "state", CAMPAIGN_STATES, reading.campaigns),
+        _family(GaugeMetricFamily, "attempts", "Attempts", "ending", ("open", *ENDINGS), reading.attempts),
+        _family(CounterMetricFamily, "solves", "Solves", "ending", ENDINGS, reading.solves),
+        _family(
             CounterMetricFamily,
             "solve_cpu_seconds",
             "Processor time of solves [s]",
@@ -102,7 +102,7 @@ def _writes(counts: list[int], seconds: float, n_faults: int) -> Iterable[Metric
     return times, CounterMetricFamily("coastarc_write_faults", faults, value=n_faults)
 
 
-def _labelled(
+def _family(
     family: type[GaugeMetricFamily | CounterMetricFamily],
     name: str,
     things: str,
@@ -127,7 +127,7 @@ NOT_STARTED = "the coordinator cannot start its own, got {}; it tries again by i
 
 
 class Unready(Fault):
-    """What stands in the way, part by part."""
+    """What is not ready, part by part."""
 
     checks: dict[str, str]
 
@@ -162,7 +162,7 @@ def readyz(store: StoreHere, request: Request) -> Any:
     """Return whether the archive takes a write, a dispatcher was seen lately, and the kernels are there."""
     until, checks = getattr(request.app.state, "readiness", (0.0, {}))
     if time.monotonic() >= until:
-        checks = _checked(store, request.app.state.trouble())
+        checks = _check(store, request.app.state.trouble())
         request.app.state.readiness = (time.monotonic() + KEPT_S, checks)
     faults = [f"{name}: {found}" for name, found in checks.items() if found != "ok"]
     if not faults:
@@ -172,7 +172,7 @@ def readyz(store: StoreHere, request: Request) -> Any:
     return JSONResponse(content, status_code=503, media_type="application/problem+json")
 
 
-def _checked(store: Store, trouble: str | None) -> dict[str, str]:
+def _check(store: Store, trouble: str | None) -> dict[str, str]:
     looks: dict[str, Callable[[Store], str]] = {
         "archive": _archive,
         "dispatcher": lambda store: _dispatcher(store, trouble),

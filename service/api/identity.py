@@ -1,4 +1,4 @@
-"""Signing in with a token for a cookie, and for administrators tokens and the audit."""
+"""Sessions: a token exchanged for a cookie; and, for administrators, tokens and the audit log."""
 
 import re
 from typing import Annotated
@@ -32,19 +32,19 @@ Next = Annotated[str, Query(max_length=2048)]
 
 @router.post("/session", status_code=201)
 def sign_in(wanted: SignIn, request: Request, response: Response, store: StoreHere) -> SessionView:
-    """Trade a token for a cookie."""
+    """Exchange a token for a session cookie."""
     return _open_session(store, request, response, wanted.token.get_secret_value())
 
 
 @router.get("/session")
 def get_session(identity: IdentityHere) -> SessionView:
-    """Return who the sender of this request is."""
+    """Return the identity of the client."""
     return SessionView(name=identity.name, role=identity.role)
 
 
 @router.delete("/session", status_code=204)
 def sign_out(request: Request, response: Response, store: StoreHere) -> None:
-    """End the session of the cookie that is sent; without one there is nothing to do."""
+    """End the session of the cookie; idempotent."""
     _close_session(store, request, response)
 
 
@@ -58,7 +58,7 @@ Form = Annotated[dict[str, str], Depends(_form)]
 
 @pages.get("/sign-in", response_class=HTMLResponse)
 def sign_in_page(access: AccessHere, next: Next = "/") -> Response:
-    """Return the page that asks for a token, or go on where none is needed."""
+    """Return the sign-in page, or redirect where no token is needed."""
     if access.is_open:
         return RedirectResponse(_own(next), status_code=303)
     return _page(_own(next), "", 200)
@@ -134,11 +134,11 @@ def create_token(wanted: TokenRequest, store: StoreHere) -> NewToken:
 
 @tokens_router.delete("/tokens/{name_or_id}")
 def revoke_token(name_or_id: NameOrId, store: StoreHere) -> TokenView:
-    """End a token and the sessions that were opened with it, at once."""
+    """Revoke a token and the sessions opened with it, at once."""
     return store.identities.revoke(name_or_id)
 
 
 @tokens_router.get("/audit")
 def list_audit(store: StoreHere, limit: Limit = 50, before: Before = None) -> AuditPage:
-    """Return who changed something or was refused to, the newest first."""
+    """Return the audit log, the newest first."""
     return store.identities.audit(limit, before)

@@ -1,4 +1,4 @@
-"""Jobs: how they stand, what workers do with them, what operators may do to them, attempts and the queue."""
+"""Routes of jobs: their states, the calls of workers, operators' actions, attempts and the queue."""
 
 from datetime import UTC, datetime
 from typing import Annotated, Any
@@ -78,7 +78,7 @@ def keep_jobs(
     store: StoreHere,
     who: IdentityHere,
 ) -> HeartbeatAnswer:
-    """Extend the leases of all jobs that a worker holds; tell which to cancel, and which it has lost.
+    """Renew the leases of a worker; return which jobs to cancel, and which leases are lost.
 
     With `extend` false it only tells, and writes nothing: between two heartbeats a worker so hears at once
     of what is cancelled.  What another token claimed counts as lost.
@@ -108,7 +108,7 @@ def complete_job(
     store: StoreHere,
     who: IdentityHere,
 ) -> CompleteAnswer:
-    """Take back an outcome; the same report again gets the same answer.
+    """Record an outcome; the same report again gets the same answer.
 
     An attempt that no longer holds the job changes nothing (409, `stale_attempt`), nor does a report with
     another token than the one that claimed (403, `other_claimant`), nor an outcome that no run of the job
@@ -124,7 +124,7 @@ def complete_jobs(
     store: StoreHere,
     who: IdentityHere,
 ) -> CompleteManyAnswer:
-    """Take back several outcomes at once, which costs less than one by one.
+    """Record several outcomes at once, which costs less than one by one.
 
     If one of them is refused, none is stored; sent one by one, the others are taken.
     """
@@ -133,14 +133,14 @@ def complete_jobs(
 
 @router.post("/jobs/{job_id}/cancel", responses=CONFLICT)
 def cancel_job(job_id: Id, store: StoreHere) -> JobView:
-    """Take a job out of the queue, or have its worker stop it; a result that comes all the same is kept."""
+    """Cancel a queued or running job; a result that still arrives is kept."""
     store.cancel_job(job_id)
     return store.job(job_id)
 
 
 @router.post("/jobs/{job_id}/requeue", responses=CONFLICT)
 def requeue_job(job_id: Id, store: StoreHere) -> JobView:
-    """Give a dead or cancelled job another attempt, its failures forgotten."""
+    """Requeue a dead or cancelled job; its count of failures is reset."""
     store.requeue_job(job_id)
     return store.job(job_id)
 
@@ -186,8 +186,8 @@ def get_queue(store: StoreHere) -> QueueView:
 
 @router.post("/campaigns/{campaign_id}/requeue")
 def requeue_dead(campaign_id: Id, store: StoreHere) -> Requeued:
-    """Give all dead jobs of a campaign another attempt, their failures forgotten; tell how many those are."""
-    return Requeued(n_jobs=store.revive(campaign_id))
+    """Requeue all dead jobs of a campaign, their counts of failures reset; return how many."""
+    return Requeued(n_jobs=store.requeue_dead_jobs(campaign_id))
 
 
 def _seconds(moment: datetime | None) -> float | None:

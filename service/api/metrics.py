@@ -1,4 +1,4 @@
-"""What the strategies of a campaign are worth, from the archive alone.
+"""Statistics of the strategies of a campaign, from the archive alone.
 
 A table of 100,000 solves takes a second of processor time, so it is made once for all who ask, and of a
 campaign that goes on again only when ten times as long has passed.

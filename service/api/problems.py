@@ -1,4 +1,4 @@
-"""Problems, and specifications: checked while somebody types, read back, and a few to begin with."""
+"""Routes of problems and specifications: check, read back, templates."""
 
 import json
 from collections.abc import Iterable
@@ -52,13 +52,13 @@ async def add_problem(
 
     The same one again changes nothing (200).  Fields are those of a specification's `problem`, and `outages`.
     """
-    view, is_new = await heavy.run(_added, store, fields)
+    view, is_new = await heavy.run(_add, store, fields)
     response.status_code = 201 if is_new else 200
     response.headers["location"] = f"/api/v1/problems/{view.hash}"
     return view
 
 
-def _added(store: Store, fields: dict[str, Any]) -> tuple[ProblemView, bool]:
+def _add(store: Store, fields: dict[str, Any]) -> tuple[ProblemView, bool]:
     problem = problem_without_files(fields)
     require_flyable(problem, "problem")
     is_new = store.add_problem(problem)
@@ -99,10 +99,10 @@ TEMPLATES = ("quick", "paper-small", "paper")
 @specs_router.post("/specs/check")
 async def check_spec(wanted: SpecToCheck, heavy: HeavyHere) -> SpecCheck:
     """Say what is wrong with a specification, line by line, or what it would run; nothing is stored."""
-    return await heavy.run(_checked, wanted.text)
+    return await heavy.run(_check, wanted.text)
 
 
-def _checked(text: str) -> SpecCheck:
+def _check(text: str) -> SpecCheck:
     checked = check_text(text)
     return SpecCheck(
         faults=[FaultView.model_validate(fault) for fault in checked.faults],

@@ -1,4 +1,4 @@
-"""One search of a campaign: how it is set up, what became of its hops, and which seeds it would take."""
+"""Routes of one search: its settings, its hops, and the seeds that it would take."""
 
 from typing import Annotated, Literal
 

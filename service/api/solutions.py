@@ -1,4 +1,4 @@
-"""Solutions: lists, points and clusters; one in full: flown, exported, its lineage, its outages."""
+"""Routes of solutions: lists, points, clusters, details, trajectories, exports, lineage, missed thrust."""
 
 import json
 import time
@@ -59,7 +59,7 @@ def list_points(
     wanted: FilterWanted,
     most: Annotated[int, Query(ge=100, le=MOST_POINTS, description="Points at most")] = MOST_POINTS,
 ) -> PointsView:
-    """Return solutions as points; of too many a sample, with the extremes and the front among it."""
+    """Return solutions as points, downsampled with the extremes and the Pareto front kept."""
     return store.points(wanted, most)
 
 
@@ -107,7 +107,7 @@ def ndjson_lines(pages: Iterable[list[RecordWithVector]]) -> Iterator[str]:
 
 
 def begun(pieces: Iterator[str]) -> Iterator[str]:
-    """Return the same pieces, the first of which is there: what fails before it can still be refused."""
+    """Return the chunks with the first one computed, so that a failure before it is an error response."""
     return chain(list(islice(pieces, 2)), pieces)
 
 
@@ -205,12 +205,12 @@ def get_trajectory(
         Literal["all", "inertial"], Query(description="Positions in all frames, or in the inertial one alone")
     ] = "all",
 ) -> dict[str, Any]:
-    """Return the solution flown: samples per trajectory [km, kg, days past departure], the Moon, the target.
+    """Return the propagated trajectories [km, kg, days past departure], the Moon's path and the target's.
 
     Those of a longer solution are thinned, arc by arc, and `n_samples` says how many there were.
     """
     definition, x = store.definition_and_vector(solution_id)
-    return _pictured(json.dumps(definition), x, samples, tracks == "all")
+    return _picture(json.dumps(definition), x, samples, tracks == "all")
 
 
 @router.get("/solutions/{solution_id}/lineage")
@@ -282,14 +282,14 @@ def _download(content: Iterable[str] | Iterable[bytes], media_type: str, name: s
 
 
 @lru_cache(maxsize=16)
-def _flown(definition: str, vector: tuple[float, ...]) -> Flight:
+def _propagate(definition: str, vector: tuple[float, ...]) -> Flight:
     # Flying takes a second and a page asks for the same solution again and again.
     return fly(problem_from(json.loads(definition)), np.array(vector))
 
 
 @lru_cache(maxsize=64)
-def _pictured(definition: str, vector: tuple[float, ...], samples: int, has_frames: bool) -> dict[str, Any]:
-    return flight_as_json(_flown(definition, vector), samples, has_frames)
+def _picture(definition: str, vector: tuple[float, ...], samples: int, has_frames: bool) -> dict[str, Any]:
+    return flight_as_json(_propagate(definition, vector), samples, has_frames)
 
 
 @router.get("/solutions/{solution_id}/missed-thrust")

@@ -1,4 +1,4 @@
-"""Whether what a portable file says of a campaign can be so.
+"""Consistency checks of a portable file.
 
 Digests show damage; here what somebody may have written on purpose is held against what follows from it:
 hashes from contents, and solves and solutions by the rules of `service.validation`.
@@ -64,7 +64,7 @@ def require_campaign(line: CampaignLine, spec: Spec, known: Mapping[str, Spec]) 
 
 
 class ReadJob(NamedTuple):
-    """A job that has been read, as small as can be: there may be a million."""
+    """A job of the file, compact because there may be a million."""
 
     address: HopAddress
     n_hops: int
@@ -88,7 +88,7 @@ NO_WORK = Work(0, [], ())
 
 @dataclass(slots=True)
 class Contents:
-    """What has been read of a file, for what follows to refer to."""
+    """What has been read of a file so far, for later lines to refer to."""
 
     #: By hash, those of all cases.
     problems: Mapping[str, Problem]

@@ -1,4 +1,4 @@
-"""The file itself: a ZIP of JSON lines with a manifest of sizes and digests, equal for equal rows.
+"""The container: a ZIP of JSON lines with a manifest of sizes and digests, reproducible byte by byte.
 
 Entries have one order, one date and one compression, so that the same export gives the same file.  Reading
 trusts nothing: names, sizes and digests are checked before a line is parsed, and no entry is unpacked beyond
@@ -28,11 +28,11 @@ MOST_FAULTS = 1000
 
 
 class PortableError(UserError, RuntimeError):
-    """A portable file that cannot be made, or that is refused; nothing has changed then."""
+    """A portable file that cannot be written or is rejected; nothing was changed."""
 
 
 class PortableConflictError(PortableError):
-    """What stands in the archive is against it: a campaign at work, or the same one with other work."""
+    """A conflict with the archive: a campaign still at work, or the same one with other results."""
 
 
 def first_fault(thing: str, error: ValidationError, kind: Any) -> str:
@@ -87,15 +87,15 @@ def _add(packed: zipfile.ZipFile, name: str, content: Iterable[bytes]) -> Member
     info = zipfile.ZipInfo(name, _DATE)
     info.compress_type, info.external_attr, info.create_system = zipfile.ZIP_DEFLATED, _MODE, 3
     with packed.open(info, "w", force_zip64=True) as entry:
-        return _digested(content, entry.write)
+        return _digest_chunks(content, entry.write)
 
 
 def digest_of(content: Iterable[bytes]) -> Member:
     """Return size and digest of an entry without writing it."""
-    return _digested(content, lambda piece: None)
+    return _digest_chunks(content, lambda piece: None)
 
 
-def _digested(content: Iterable[bytes], take: Callable[[bytes], object]) -> Member:
+def _digest_chunks(content: Iterable[bytes], take: Callable[[bytes], object]) -> Member:
     digest, n_bytes = hashlib.blake2b(digest_size=16), 0
     for piece in content:
         digest.update(piece)
@@ -105,7 +105,7 @@ def _digested(content: Iterable[bytes], take: Callable[[bytes], object]) -> Memb
 
 
 class _InPieces:
-    """A file that is read in pieces alone, however long its list of entries says it is."""
+    """A file that is read in bounded pieces, whatever its directory claims."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
@@ -173,12 +173,12 @@ class Unpacked:
             if batch and (len(batch) >= LINES_AT_ONCE or n_bytes + len(text) > BYTES_AT_ONCE):
                 yield batch
                 batch, n_bytes = [], 0
-            batch.append(self._parsed(name, number, text, kind))
+            batch.append(self._parse(name, number, text, kind))
             n_bytes += len(text)
         if batch:
             yield batch
 
-    def _parsed(self, name: str, number: int, text: bytes, kind: type[L]) -> L:
+    def _parse(self, name: str, number: int, text: bytes, kind: type[L]) -> L:
         if number > MOST_LINES:
             raise self._fault(f"at most {MOST_LINES} lines in {name}", "more")
         # Those within texts count too: there are few.

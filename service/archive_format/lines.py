@@ -1,4 +1,4 @@
-"""What stands in a portable file: JSON that names everything by hashes and addresses, never by row ids.
+"""The lines of a portable file: JSON that refers to everything by hash and address, never by row id.
 
 A campaign is a table of its own; jobs and solves follow line by line in the order in which they came to be,
 and a solve names its job by the number of its line.  Problems, cases and links between seeds are left out:
@@ -200,7 +200,7 @@ class CertificateLine(Line):
 
 
 class Member(Line):
-    """An entry of the file, by which damage and change are seen."""
+    """An entry of the file with size and digest, to detect damage and change."""
 
     n_bytes: Count
     blake2b: Hash

@@ -1,4 +1,4 @@
-"""A portable file read and checked line by line to its end, before anything of it is stored.
+"""Reads and checks a portable file line by line to its end, before anything is stored.
 
 It is read again when it is stored: some lines at a time are in memory, never a whole entry.  Kernels of
 targets travel under the digest of their content: a specification names a file of one machine; in a portable
@@ -130,7 +130,7 @@ class ReadCampaign:
 
 @dataclass(frozen=True, slots=True)
 class ReadFile:
-    """A portable file that may be taken in."""
+    """A portable file that passed all checks."""
 
     unpacked: Unpacked
     campaigns: list[ReadCampaign]

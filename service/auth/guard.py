@@ -30,7 +30,7 @@ from service.auth.network import (
     most_bytes,
     seen_from,
 )
-from service.auth.request_limits import read_body, replayed
+from service.auth.request_limits import read_body, replay_body
 from service.auth.rights import (
     ANYONE,
     FLIGHTS,
@@ -68,7 +68,7 @@ PATIENCE_S = 60.0
 
 
 class Buckets:
-    """A bucket per client: each request takes one of `burst`, and `rate_per_s` flow back."""
+    """Token buckets, one per client, of size `burst`, refilled at `rate_per_s`."""
 
     def __init__(self, rate_per_s: float, burst: int, clock: Callable[[], float] = time.monotonic) -> None:
         self._rate = rate_per_s
@@ -77,7 +77,7 @@ class Buckets:
         self._levels: OrderedDict[str, tuple[float, float]] = OrderedDict()
 
     def take(self, client: str) -> int:
-        """Take one; return 0, or the seconds after which there is one again."""
+        """Take a token; return 0, or the seconds until there is one."""
         now = self._clock()
         level, seen = self._levels.pop(client, (float(self._burst), now))
         level = min(self._burst, level + (now - seen) * self._rate)
@@ -101,21 +101,21 @@ class Streams:
         return self._open.total()
 
     def enter(self, client: str) -> bool:
-        """Count one more, unless there are enough."""
+        """Open a stream, unless the limit is reached."""
         if self._open[client] >= self._most:
             return False
         self._open[client] += 1
         return True
 
     def leave(self, client: str) -> None:
-        """Count one less."""
+        """Close a stream."""
         self._open[client] -= 1
         if not self._open[client]:
             del self._open[client]
 
 
 class Turns:
-    """Requests take turns: few run at once, the others wait in the order in which they came."""
+    """Limits concurrent requests; the others wait in order of arrival."""
 
     def __init__(self, at_once: int) -> None:
         self._turns = asyncio.Semaphore(at_once)
@@ -141,7 +141,7 @@ READS, HEAVY_READS, FLOWN_READS, CHANGES = 2, 1, 1, 16
 
 
 class Visit:
-    """One request on its way through the gate."""
+    """One request in the middleware."""
 
     def __init__(self, scope: Scope, access: Access) -> None:
         self.headers = Headers(scope=scope)
@@ -176,7 +176,7 @@ class Visit:
 
     @property
     def is_page(self) -> bool:
-        """Whether a person looks at the answer."""
+        """Whether the response is a page for people."""
         return self.method == "GET" and "text/html" in self.headers.get("accept", "")
 
     @property
@@ -187,7 +187,7 @@ class Visit:
 
 
 class Guard:
-    """Lets requests through to the application, or answers them itself."""
+    """The middleware: passes requests on to the application, or answers them itself."""
 
     def __init__(self, app: ASGIApp, *, store: Store, access: Access, streams: Streams) -> None:
         settings = access.settings
@@ -239,7 +239,7 @@ class Guard:
                 reason = str(error)
             except UnavailableError as error:
                 # Nobody knows now whether this is somebody.
-                self._store.outage.tell(error)
+                self._store.downtime.tell(error)
                 return unavailable(error)
         if wait := self._wait(visit):
             return too_many("requests: expected fewer of them, got too many at once", wait)
@@ -280,7 +280,7 @@ class Guard:
             except BodyError as fault:
                 await problem_response(fault.status, str(fault))(visit.scope, receive, send)
                 return
-            receive = replayed(body, receive)
+            receive = replay_body(body, receive)
         turns = self._turns_of(visit)
         if turns is None:
             await self._answer(visit, receive, send)
@@ -315,7 +315,7 @@ class Guard:
             raise
 
     def audit(self, visit: Visit, status: int) -> None:
-        """Write down what a changing request is answered."""
+        """Record the response to a changing request in the audit log."""
         who = visit.identity
         if who is not None and visit.line in UNLOGGED and (status < 400 or status == 409):
             return
@@ -325,13 +325,13 @@ class Guard:
             self._store.identities.record(who, visit.address, visit.method, visit.path[:500], status)
         except UnavailableError as error:
             # The answer stands whether or not it could be written down.
-            self._store.outage.tell(error)
+            self._store.downtime.tell(error)
         except Exception:
             log.exception("audit: %s %s -> %d not written", visit.method, visit.line, status)
 
 
 class _Outward:
-    """Sends an answer with the headers that all of them carry, once it is in the audit."""
+    """Sends a response with the common headers, once it is in the audit log."""
 
     def __init__(self, guard: Guard, visit: Visit, send: Send) -> None:
         self.has_begun = False

@@ -1,4 +1,4 @@
-"""From where, and under which name, the service may be reached; what every answer carries.
+"""Network access: addresses, host names, proxies, origins, and the headers of every response.
 
 On loopback and on one machine a request needs no token and acts as the owner.  Then the checks here are
 what stands between the service and a web page that the owner happens to visit: a Host that is ours stops
@@ -47,12 +47,12 @@ Fault = tuple[int, str]
 
 
 class BindError(UserError, ValueError):
-    """An address on which the service would be open to others."""
+    """A listening address that would expose the service without a token."""
 
 
 @dataclass(frozen=True, slots=True)
 class Access:
-    """Who is let in: what `service.auth.guard` goes by."""
+    """The access policy that `service.auth.guard` enforces."""
 
     #: Requests without a token act as the owner.
     is_open: bool = True
@@ -67,7 +67,7 @@ class Access:
 
 
 def access_on(host: str, settings: Settings, has_token: Callable[[], bool]) -> Access:
-    """Return who is let in when the service listens on an address; raise where it would be open to others."""
+    """Return the access policy for a listening address; raise where it would be exposed without a token."""
     is_open = is_loopback(host) and settings.auth == "auto" and not settings.proxies
     if not is_open and not has_token():
         reason = "with sign-in required" if is_loopback(host) else "an address that others reach"

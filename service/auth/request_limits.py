@@ -28,7 +28,7 @@ _LARGE_BYTES = 128 * 1024
 
 
 class _NotFiniteError(Exception):
-    """A number that is none."""
+    """Not a finite number."""
 
 
 async def read_body(receive: Receive, content_type: str, most_bytes: int) -> bytes:
@@ -72,8 +72,8 @@ async def save_body(receive: Receive, most_bytes: int, file: BinaryIO) -> None:
         is_whole = not message.get("more_body", False)
 
 
-def replayed(body: bytes, receive: Receive) -> Receive:
-    """Return a `receive` that gives the body again, and then what follows it."""
+def replay_body(body: bytes, receive: Receive) -> Receive:
+    """Return a `receive` that replays the body, and then what follows it."""
     first: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
 
     async def again() -> Message:

@@ -41,10 +41,10 @@ from workers.measure_solves import (
     Solution,
     SolvedGuess,
     distinct,
-    found_seeds,
-    grouped_cases,
+    group_cases,
+    load_seeds,
     n_compiled_kernels,
-    parsed_cases,
+    parse_cases,
     read_solutions,
     solution_of,
     solve_guesses,
@@ -475,9 +475,9 @@ def chain(
 
 
 def _selected_cases(cases: str | None, group: str | None) -> tuple[Case, ...]:
-    listed = parsed_cases(cases) if cases else []
+    listed = parse_cases(cases) if cases else []
     if group or not cases:
-        listed += grouped_cases(group or ",".join(DEFAULT_GROUPS))
+        listed += group_cases(group or ",".join(DEFAULT_GROUPS))
     return tuple(listed)
 
 
@@ -486,7 +486,7 @@ def _find_seeds(search: GuessPlan, n: int, n_workers: int, save_seeds: Path | No
     progress = Progress()
     with process_pool(n_workers) as pool:
         try:
-            found = found_seeds(pool, search, n, progress.show)
+            found = load_seeds(pool, search, n, progress.show)
         finally:
             progress.end()
     if save_seeds is not None:

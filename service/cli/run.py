@@ -65,8 +65,8 @@ def run(
     logs.configure(level="WARNING")
     with Coordinator(data, host, port) as coordinator:
         campaign_id, is_new = coordinator.store.submit(specification)
-        if n_revived := coordinator.store.revive(campaign_id):
-            console.print(f"{n_revived} jobs that failed before are tried again.")
+        if n_requeued := coordinator.store.requeue_dead_jobs(campaign_id):
+            console.print(f"{n_requeued} jobs that failed before are tried again.")
         is_finished = _resume(coordinator, campaign_id, is_new, worker_setup(executor, workers))
         view = coordinator.store.campaign(campaign_id)
         dead = coordinator.store.jobs(campaign_id, None, "dead", limit=1).items
@@ -134,7 +134,7 @@ def worker_setup(executor: ExecutorKind, n_workers: int) -> WorkerSetup:
 
 def reopen(store: Store, campaign_id: int) -> bool:
     """Retry the failed jobs of a campaign and resume it if it is paused; return whether it is to be run."""
-    store.revive(campaign_id)
+    store.requeue_dead_jobs(campaign_id)
     if store.campaign_state(campaign_id) == "paused":
         store.control_campaign(campaign_id, "resume")
     return store.campaign_state(campaign_id) not in ENDED
@@ -173,7 +173,7 @@ def _follow(console: Console, coordinator: Coordinator, campaign_id: int) -> Non
             try:
                 _show(console, live, store.campaign(campaign_id))
             except UnavailableError as error:
-                store.outage.tell(error)
+                store.downtime.tell(error)
 
 
 def _show(console: Console, live: Live, view: CampaignView) -> None:
@@ -193,7 +193,7 @@ def _has_ended(store: Store, campaign_id: int) -> bool:
         return store.campaign_state(campaign_id) in ENDED
     except UnavailableError as error:
         # The database may come back; until then workers keep their results.
-        store.outage.tell(error)
+        store.downtime.tell(error)
         return False
 
 

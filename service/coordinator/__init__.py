@@ -1,4 +1,4 @@
-"""The process that serves: a data folder in, one writer with its web server, reaper and dispatcher out."""
+"""The server process of a data folder: one writer with web server, reaper and dispatcher."""
 
 from service.coordinator.coordinator import Coordinator, CoordinatorError, WebServer, WorkerSetup, open_port
 

@@ -1,4 +1,4 @@
-"""Connections of the web server: who opens one and says nothing does not keep others out.
+"""Connection limits of the web server: idle connections do not keep others out.
 
 uvicorn bounds the time between two requests, but not that of a request's head, and accepts connections until
 the process has no file left; then it could answer nobody.
@@ -41,7 +41,7 @@ def raise_file_limit() -> int:
 
 
 def most_connections() -> int:
-    """Return how many connections are open at most, so that files are left for the archive."""
+    """Return the limit of open connections that leaves files for the archive."""
     return max(16, min(MOST_CONNECTIONS, int(SHARE_OF_FILES * raise_file_limit())))
 
 
@@ -65,7 +65,7 @@ class PatientProtocol(H11Protocol):
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        """Take a piece of a request."""
+        """Handle a chunk of a request."""
         super().data_received(data)
         self._watch()
 
@@ -81,7 +81,7 @@ class PatientProtocol(H11Protocol):
 
     @property
     def waits_until(self) -> float:
-        """When patience ends [time of the loop]."""
+        """When the time limit ends [time of the loop]."""
         return self._late.when() if self._late is not None else float("inf")
 
     def abandon(self) -> None:

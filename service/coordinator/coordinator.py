@@ -35,7 +35,7 @@ from service.schemas.identity import Role
 from service.settings import Settings
 from service.store.store import Store
 from workers.dispatch import RUNNER, DispatchOrder, ExecutorKind
-from workers.patience import Outage
+from workers.retry import Downtime
 
 log = logging.getLogger(__name__)
 
@@ -52,7 +52,7 @@ def finish_planning(store: Store, stop: threading.Event) -> None:
                 store.plan_rest(campaign_id, stop.is_set)
             return
         except UnavailableError as error:
-            store.outage.tell(error)
+            store.downtime.tell(error)
             stop.wait(OUTAGE_PAUSE_S)
         except Exception:
             # The same submission again has its planning done as well, and is told what is wrong.
@@ -79,7 +79,7 @@ def _read(store: Store, stop: threading.Event) -> bool:
     try:
         return store.read_history() and not stop.wait(PAUSE_S)
     except UnavailableError as error:
-        store.outage.tell(error)
+        store.downtime.tell(error)
         return not stop.wait(OUTAGE_PAUSE_S)
 
 
@@ -131,7 +131,7 @@ def local_prefix(name: str) -> str:
 
 @contextmanager
 def _deaf_to_signals() -> Iterator[None]:
-    """Let no second Ctrl-C or SIGTERM break an end that is under way and bounded in time."""
+    """Ignore further SIGINT and SIGTERM during the shutdown, which is bounded in time."""
     numbers = (signal.SIGINT, signal.SIGTERM)
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -241,7 +241,7 @@ class Coordinator:
             opened.enter_context(self._lock)
             if open_to_others := openness(self._folder):
                 log.warning("%s", open_to_others)
-            self.store = opened.enter_context(self._opened())
+            self.store = opened.enter_context(self._open_archive())
             self._name = local_name(self._folder, self._lock.folder_id)
             self.n_recovered = self.store.recover(local_prefix(self._name))
             host = self._address[0]
@@ -272,9 +272,9 @@ class Coordinator:
             self.store.close()
             self._lock.__exit__()
 
-    def _opened(self) -> Store:
+    def _open_archive(self) -> Store:
         """Return the archive; a database server that does not answer yet is waited for."""
-        outage = Outage("archive")
+        downtime = Downtime("archive")
         while True:
             try:
                 return Store(self._folder, leases=self._leases)
@@ -282,7 +282,7 @@ class Coordinator:
                 # Of a disk without room the user hears at once.
                 raise
             except UnavailableError as error:
-                outage.tell(CoordinatorError(f"{error}; it is asked again every {DATABASE_PERIOD_S:g} s"))
+                downtime.tell(CoordinatorError(f"{error}; it is asked again every {DATABASE_PERIOD_S:g} s"))
                 time.sleep(DATABASE_PERIOD_S)
 
     @property
@@ -290,7 +290,7 @@ class Coordinator:
         """Where the page is."""
         return self._server.url
 
-    def work(self, crew: WorkerSetup, campaign_id: int | None = None) -> None:
+    def work(self, setup: WorkerSetup, campaign_id: int | None = None) -> None:
         """Begin to run jobs of one campaign, or of all, by a dispatcher that ends with the coordinator."""
 
         def order() -> DispatchOrder:
@@ -299,17 +299,17 @@ class Coordinator:
             return DispatchOrder(
                 url=self.url,
                 token=SecretStr(made.token),
-                executor=crew.executor,
-                n_workers=crew.n_workers,
+                executor=setup.executor,
+                n_workers=setup.n_workers,
                 # Beside the archive, where a service may write; a home need not be.
-                cluster_token=self._folder / "ray.token" if crew.executor is ExecutorKind.RAY else None,
+                cluster_token=self._folder / "ray.token" if setup.executor is ExecutorKind.RAY else None,
                 outbox=self._folder / "outbox",
                 campaign_id=campaign_id,
-                runner=crew.runner,
+                runner=setup.runner,
                 prefix=local_prefix(self._name),
             )
 
-        leave_s = LEAVE_CLUSTER_S if crew.executor is ExecutorKind.RAY else LEAVE_S
+        leave_s = LEAVE_CLUSTER_S if setup.executor is ExecutorKind.RAY else LEAVE_S
         supervisor = self._supervisor = Supervisor(order, leave_s)
         self._server.app.state.trouble = lambda: supervisor.trouble
         supervisor.start()

@@ -1,4 +1,4 @@
-"""One coordinator per data folder, however it is started.
+"""The lock that admits one coordinator per data folder.
 
 The lock belongs to the open file, so the operating system gives it back when the process dies.  The file says
 whose process has the folder, and the folder's own name, by which several coordinators on one database are
@@ -15,7 +15,7 @@ from core.errors import UserError
 
 
 class LockError(UserError, RuntimeError):
-    """A data folder in which another coordinator works, or nobody can."""
+    """A data folder that another coordinator holds, or that cannot be locked."""
 
 
 class FolderLock:

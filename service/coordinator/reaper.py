@@ -1,4 +1,4 @@
-"""Takes back, again and again, the jobs whose workers have fallen silent; and forgets what is old."""
+"""Expires leases and prunes old rows, periodically."""
 
 import logging
 import threading
@@ -12,7 +12,7 @@ log = logging.getLogger(__name__)
 
 
 class Reaper:
-    """Looks every `reap_s`, and takes back expired leases for the first time when a whole lease has passed.
+    """Runs every `reap_s`; the first leases expire a whole lease after the start.
 
     Workers that outlived the coordinator before this one have that long to renew theirs.  The same holds
     after time in which no worker could: all leases begin again, and no job fails, when this thread wakes up
@@ -33,7 +33,7 @@ class Reaper:
         self._has_failed = False
 
     def run(self) -> None:
-        """Reap until told to stop."""
+        """Run until told to stop."""
         while not self._stop.wait(max(0.0, self._next - self._clock())):
             self.step()
 
@@ -48,7 +48,7 @@ class Reaper:
             self._store.prune()
         except UnavailableError as error:
             self._has_failed = True
-            self._store.outage.tell(error)
+            self._store.downtime.tell(error)
             return 0
         except Exception:
             # Whatever it is, nobody would take jobs back any more if it ended this thread.

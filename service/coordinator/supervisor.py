@@ -1,4 +1,4 @@
-"""Keeps a dispatcher alive as a child of the coordinator.
+"""Runs a dispatcher as a child process and restarts it.
 
 The child may die at any time, and Ray makes it die now and then: its jobs come back through their leases, and
 another child is started.  It is told what to do, and to stop, through a pipe, so that it ends by itself when
@@ -18,7 +18,7 @@ from collections.abc import Callable
 from core.errors import UserError
 from service.db.errors import DatabaseError
 from workers.dispatch import CANNOT_WORK, NEW_TOKEN, TOKEN_WANTED, DispatchOrder
-from workers.patience import Backoff
+from workers.retry import Backoff
 
 log = logging.getLogger(__name__)
 
@@ -32,7 +32,7 @@ LEAVE_S = 3.5
 
 
 class Supervisor:
-    """One child after the other, each with an order of its own."""
+    """Restarts the child whenever it ends."""
 
     def __init__(self, order: Callable[[], DispatchOrder], leave_s: float = LEAVE_S) -> None:
         self._order = order
@@ -66,7 +66,7 @@ class Supervisor:
         self._thread.start()
 
     def stop(self) -> None:
-        """Have the child hand in what it has, and end it."""
+        """Let the child report what it has, and stop it."""
         with self._lock:
             self._stop.set()
             child = self._child
@@ -90,7 +90,7 @@ class Supervisor:
                 self._put_off(error)
 
     def _start_child(self) -> None:
-        """Start a child, unless it is too late for that."""
+        """Start a child, unless a stop was requested."""
         self._child = None
         order = self._order()
         with self._lock:
@@ -106,7 +106,7 @@ class Supervisor:
         """Wait until a start is worth trying again: a disk gets room, and a process memory, some day."""
         if self._child is not None and self._child.poll() is None:
             # Never two at once.
-            _reaped(self._child, is_alive=True)
+            _reap_child(self._child, is_alive=True)
         trouble, pause_s = _in_public(error), self._backoff.failed()
         if trouble != self._trouble:
             # Once, however long it lasts: lines without end would fill the disk that is full.
@@ -133,7 +133,7 @@ class Supervisor:
         self._stop.wait(pause_s)
 
     def _renew_token(self) -> None:
-        """Give the child a token in place of one that is refused; its solves go on meanwhile."""
+        """Send the child a new token in place of a refused one; its solves go on."""
         try:
             token = self._order().token
         except Exception as error:
@@ -154,7 +154,7 @@ class Supervisor:
                 self._renew_token()
             else:
                 said = line.strip() or said
-        code = _reaped(self._child)
+        code = _reap_child(self._child)
         self._child.stdout.close()
         try:
             self._child.stdin.close()
@@ -164,7 +164,7 @@ class Supervisor:
 
 
 def _in_public(error: Exception) -> str:
-    """Return a reason without the place of the archive, which is not for everybody who may ask."""
+    """Return a reason without the path of the archive, which not every client may see."""
     if isinstance(error, DatabaseError):
         return "an archive that takes no write"
     strerror = error.strerror if isinstance(error, OSError) else None
@@ -187,7 +187,7 @@ def _spawn() -> subprocess.Popen[str]:
     )
 
 
-def _reaped(child: subprocess.Popen[str], is_alive: bool = False) -> int:
+def _reap_child(child: subprocess.Popen[str], is_alive: bool = False) -> int:
     """Wait for a child, and end what it left behind: all in its session, which it was the first of."""
     if not is_alive:
         os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOWAIT)

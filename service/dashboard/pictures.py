@@ -1,4 +1,4 @@
-"""A flight as JSON, rounded and thinned to what a picture can show.
+"""Trajectories as JSON, rounded and downsampled to what a plot can show.
 
 Positions to a kilometre, masses to a gram, times to a second; a sample that is not finite is null.
 """
@@ -41,7 +41,7 @@ def _without_frames(sent: dict[str, Any]) -> dict[str, Any]:
 
 
 def _trajectory(flown: FlownTrajectory, share: float) -> dict[str, Any]:
-    kept = [_kept(arc, share) for arc in flown.arcs]
+    kept = [_downsample(arc, share) for arc in flown.arcs]
     places = np.concatenate(kept)
     stops = np.cumsum([len(own) for own in kept]).tolist()
     arcs = [
@@ -54,16 +54,16 @@ def _trajectory(flown: FlownTrajectory, share: float) -> dict[str, Any]:
         "matchpoint": next(
             new.first for new, old in zip(arcs, flown.arcs, strict=True) if old.first == flown.matchpoint
         ),
-        "days": _rounded(flown.days[places], DAYS),
-        "inertial_km": _rounded(flown.inertial_km[places], KM),
-        "rotating_km": _rounded(flown.rotating_km[places], KM),
-        "moon_km": _rounded(flown.moon_km[places], KM),
-        "speed_km_s": _rounded(flown.speed_km_s[places], KM_S),
-        "mass_kg": _rounded(flown.mass_kg[places], KG),
+        "days": _round(flown.days[places], DAYS),
+        "inertial_km": _round(flown.inertial_km[places], KM),
+        "rotating_km": _round(flown.rotating_km[places], KM),
+        "moon_km": _round(flown.moon_km[places], KM),
+        "speed_km_s": _round(flown.speed_km_s[places], KM_S),
+        "mass_kg": _round(flown.mass_kg[places], KG),
     }
 
 
-def _kept(arc: Arc, share: float) -> NDArray[np.int64]:
+def _downsample(arc: Arc, share: float) -> NDArray[np.int64]:
     """Return the samples of an arc that are shown: evenly taken, with both ends."""
     n = arc.stop - arc.first
     n_kept = min(n, max(2, int(share * n)))
@@ -80,14 +80,14 @@ def _arc(arc: Arc) -> dict[str, Any]:
 
 def _path(path: Path) -> dict[str, Any]:
     return {
-        "days": _rounded(path.days, DAYS),
-        "inertial_km": _rounded(path.inertial_km, KM),
-        "rotating_km": _rounded(path.rotating_km, KM),
-        "moon_km": _rounded(path.moon_km, KM),
+        "days": _round(path.days, DAYS),
+        "inertial_km": _round(path.inertial_km, KM),
+        "rotating_km": _round(path.rotating_km, KM),
+        "moon_km": _round(path.moon_km, KM),
     }
 
 
-def _rounded(values: NDArray[np.float64], decimals: int) -> list[Any]:
+def _round(values: NDArray[np.float64], decimals: int) -> list[Any]:
     rounded = np.round(values, decimals)
     finite = np.isfinite(rounded)
     nullable: NDArray[np.object_] = rounded.astype(object)

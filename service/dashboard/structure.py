@@ -1,4 +1,4 @@
-"""What a problem looks like, from its definition alone: sizes, the Jacobian's entries, chances of outages.
+"""The structure of a problem: sizes, sparsity of the Jacobian, probabilities of outages.
 
 An arc is T_i + T_s, as in docs/method.md, "Coverage".
 """

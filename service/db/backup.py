@@ -1,4 +1,4 @@
-"""A whole archive as one file, made while others write, and back from it into an empty place.
+"""Online backup of a whole archive to one file, and restore into an empty place.
 
 The file is an SQLite archive whichever database it comes from, so it is also the way from one to the other.
 """

@@ -1,4 +1,4 @@
-"""SQL that SQLite and PostgreSQL each say in their own way, and expressions that many queries share.
+"""SQL that differs between SQLite and PostgreSQL, and expressions that many queries share.
 
 Rows can be sampled evenly by their ids, the same ones each time.  The statements that recount the counters of
 `service.store.statistics` from the rows are slow: they are for archives that had none, for
@@ -107,7 +107,7 @@ def revision(version: int) -> str:
 
 
 def go_on_counting(connection: Connection) -> None:
-    """Let PostgreSQL count on from rows that came with their ids; SQLite looks at the rows by itself."""
+    """Advance PostgreSQL's sequences past rows inserted with their ids; SQLite needs nothing."""
     if connection.dialect.name != "postgresql":
         return
     for table in Base.metadata.sorted_tables:

@@ -1,4 +1,4 @@
-"""Where an archive is, and one writer and read-only readers on it: an SQLite file or a PostgreSQL database.
+"""Database access: the location of an archive, its one writer and its read-only readers.
 
 A write is one transaction of its own.  Several in one commit would save little: the commit takes 0.5 ms of
 the 12 ms that an outcome takes.  How long writes take is counted for /metrics.
@@ -31,7 +31,7 @@ from service.db.errors import (
     write_fault,
 )
 from service.db.tables import SCHEMA_VERSION
-from workers.patience import Outage
+from workers.retry import Downtime
 
 T = TypeVar("T")
 
@@ -130,7 +130,7 @@ class Database:
         #: Called in every write; what it raises ends the write.
         self.hook: Callable[[Moment], None] = lambda moment: None
         self.write_times = WriteTimes()
-        self.outage = Outage("archive")
+        self.downtime = Downtime("archive")
         self._lock = threading.Lock()
         self._writer: Engine | None = None
         if isinstance(place, Path):
@@ -164,7 +164,7 @@ class Database:
                     self.write_times.add_fault()
                     raise fault from error
                 raise
-        self.outage.end()
+        self.downtime.end()
         self.write_times.add(time.perf_counter() - begin)
         self.hook(Moment.AFTER_COMMIT)
         return answer

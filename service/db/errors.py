@@ -1,4 +1,4 @@
-"""What is wrong with the place of an archive, or with reading and writing it.
+"""Errors of opening, reading and writing an archive.
 
 DatabaseError(RuntimeError)    no archive of this version, or none at all
     UnavailableError           a place that cannot be used now, and perhaps can be later
@@ -15,15 +15,15 @@ from core.errors import UserError
 
 
 class DatabaseError(UserError, RuntimeError):
-    """A place that holds no archive of this version, or none at all."""
+    """A location without an archive of this version."""
 
 
 class UnavailableError(DatabaseError):
-    """A place that cannot be used now, and perhaps can be later; what is stored is kept."""
+    """A location that is unavailable now and may recover; what is stored is kept."""
 
 
 class WriteError(UnavailableError):
-    """A write that the place did not take; what was stored before is kept."""
+    """A failed write; what was stored before is kept."""
 
 
 def unusable(place: Path | str, reason: object) -> DatabaseError:
@@ -88,7 +88,7 @@ BUSY = ("a connection that is free", "ask less at a time")
 
 def write_fault(place: str, error: SQLAlchemyError) -> WriteError | None:
     """Return what a driver's error says of the place, or None where it is about what was written."""
-    if found := _known(error):
+    if found := _explain(error):
         expected, reason, remedy = found
         return WriteError(
             f"archive {place}: expected {expected}, got {reason}; {remedy} and start again: "
@@ -99,13 +99,13 @@ def write_fault(place: str, error: SQLAlchemyError) -> WriteError | None:
 
 def read_fault(place: str, error: SQLAlchemyError) -> UnavailableError | None:
     """Return what a driver's error says of the place, or None where it is about what was asked."""
-    if found := _known(error):
+    if found := _explain(error):
         expected, reason, remedy = found
         return UnavailableError(f"archive {place}: expected {expected}, got {reason}; {remedy}")
     return None
 
 
-def _known(error: SQLAlchemyError) -> tuple[str, str, str] | None:
+def _explain(error: SQLAlchemyError) -> tuple[str, str, str] | None:
     """Return what is expected of a place, what it said, and what helps."""
     if isinstance(error, TimeoutError):
         return BUSY[0], "none in time", BUSY[1]

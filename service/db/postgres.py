@@ -1,4 +1,4 @@
-"""PostgreSQL's side of an archive: its connections.
+"""PostgreSQL: connections.
 
 Writers of all processes go one after the other, as in an SQLite file: planning relies on what was planned
 before, and pages that follow the ids of events rely on ids that become visible in their order.

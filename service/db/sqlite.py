@@ -1,4 +1,4 @@
-"""SQLite's side of an archive: its connections, and the places and states that it does not survive.
+"""SQLite: connections, and the file systems and file states that are refused.
 
 Reading first and writing later inside a deferred transaction fails at once when another writer came
 between, whatever the time-out; so every write begins IMMEDIATE, and there is one writer.

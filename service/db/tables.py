@@ -1,4 +1,4 @@
-"""The tables: what was asked for, what is being done, what was found, and who may do what.
+"""The tables of an archive.
 
 Times are seconds since 1970 (UTC) of the coordinator's clock.  States and their changes are checked by the
 database, so no program can store one that does not exist.  Column types read the same on SQLite and

@@ -48,7 +48,7 @@ def version_of(place: Place) -> int | None:
 def differences(connection: Connection) -> list[str]:
     """Return how the tables differ from those of this version."""
     context = MigrationContext.configure(connection, opts={"compare_type": True})
-    return [_described(entry) for entry in compare_metadata(context, Base.metadata)]
+    return [_describe(entry) for entry in compare_metadata(context, Base.metadata)]
 
 
 def _engine(place: Place) -> Engine:
@@ -85,7 +85,7 @@ def _config(connection: Connection) -> Config:
     return config
 
 
-def _described(entry: Any) -> str:
+def _describe(entry: Any) -> str:
     # A list holds the changes of one column.
     kind, *rest = entry[0] if isinstance(entry, list) else entry
     return f"{kind.replace('_', ' ')} {', '.join(str(getattr(part, 'name', part)) for part in rest if part)}"

@@ -1,1 +1,1 @@
-"""Whether a whole archive is sound, and setting aside what cannot be."""
+"""Integrity of an archive: check and repair."""

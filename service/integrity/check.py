@@ -1,4 +1,4 @@
-"""Whether an archive is whole: its file, what refers to what, its tables, its totals, and its rows."""
+"""Integrity check of an archive: file, references, schema, counters and rows."""
 
 from collections.abc import Callable
 from math import isclose
@@ -54,17 +54,17 @@ def _of_connection(place: Place) -> list[Check]:
 
 def _integrity(path: Path) -> Check:
     megabytes = path.stat().st_size / 1e6
-    return _judged("file", f"SQLite, {megabytes:.1f} MB, {path}", sqlite.integrity_faults(path), RESTORE)
+    return _check("file", f"SQLite, {megabytes:.1f} MB, {path}", sqlite.integrity_faults(path), RESTORE)
 
 
 def _version(connection: Connection) -> Check:
     version = read_version(connection)
     faults = [] if version == SCHEMA_VERSION else [f"{version or 'none'}, where {SCHEMA_VERSION} is expected"]
-    return _judged("version", str(version), faults, UPGRADE)
+    return _check("version", str(version), faults, UPGRADE)
 
 
 def _schema(connection: Connection) -> Check:
-    return _judged(
+    return _check(
         "tables", f"{len(Base.metadata.tables)} as they should be", differences(connection), RESTORE
     )
 
@@ -73,7 +73,7 @@ def _references(connection: Connection) -> Check:
     if connection.dialect.name == "postgresql":
         # The server lets nothing in that refers to nothing.
         return Check(name="references", state="ok", found="kept by the server")
-    return _judged("references", "every row's are there", sqlite.reference_faults(connection), RESTORE)
+    return _check("references", "every row's are there", sqlite.reference_faults(connection), RESTORE)
 
 
 def _totals(connection: Connection) -> Check:
@@ -89,7 +89,7 @@ def _totals(connection: Connection) -> Check:
     names += connection.scalars(select(SearchRow.name).where(SearchRow.id.in_(ids)).order_by(SearchRow.id))
     names += [name for name, total, sum_ in _costs(connection) if not isclose(total, sum_, rel_tol=1e-6)]
     faults = [f"those of search {name} are not those of its rows" for name in dict.fromkeys(names)]
-    return _judged("totals", "every search's are those of its rows", faults, REPAIR)
+    return _check("totals", "every search's are those of its rows", faults, REPAIR)
 
 
 def _costs(connection: Connection) -> list[Any]:
@@ -101,7 +101,7 @@ def _costs(connection: Connection) -> list[Any]:
 
 def _content(connection: Connection) -> Check:
     faults = [f"{table} {', '.join(map(str, key))}: {why}" for table, key, why in unsound_rows(connection)]
-    return _judged("content", "every row's can be so", faults, REPAIR)
+    return _check("content", "every row's can be so", faults, REPAIR)
 
 
 def _rows(connection: Connection) -> Check:
@@ -114,7 +114,7 @@ def _rows(connection: Connection) -> Check:
     )
 
 
-def _judged(name: str, found: str, faults: list[str], advice: str) -> Check:
+def _check(name: str, found: str, faults: list[str], advice: str) -> Check:
     if not faults:
         return Check(name=name, state="ok", found=found)
     more = f" and {len(faults) - 1} more" if len(faults) > 1 else ""

@@ -1,4 +1,4 @@
-"""Rows that cannot be so, found by the rules that outcomes and portable files are judged by.
+"""Inconsistent rows, by the rules that outcomes and portable files are validated by.
 
 Read as bytes and text, so that a row that no reader can read is found as well.  What depends on the version
 that found a solution, its bounds and its levels in other solves, is left alone.
@@ -59,7 +59,7 @@ NUMBERS: dict[type[Base], tuple[str, ...]] = {
 
 
 class Unsound(NamedTuple):
-    """A row that cannot be so."""
+    """An inconsistent row."""
 
     table: str
     key: tuple[Any, ...]
@@ -67,7 +67,7 @@ class Unsound(NamedTuple):
 
 
 def unsound_rows(connection: Connection) -> Iterator[Unsound]:
-    """Yield the rows of an archive that cannot be so."""
+    """Yield the inconsistent rows of an archive."""
     reader = _Reader(connection)
     yield from reader.provenances()
     yield from reader.solutions()
@@ -91,7 +91,7 @@ class _Reader:
     def provenances(self) -> Iterator[Unsound]:
         for row in self._rows(select(*_raw(ProvenanceRow))):
             try:
-                content = _loaded("content", row.content)
+                content = _load("content", row.content)
                 if content_hash(content) != row.hash:
                     raise UnsoundError("expected the hash of its content, got another")
                 Provenance.model_validate(content)
@@ -114,7 +114,7 @@ class _Reader:
             "", about, _floats("x", row.x), dict(row._mapping), _floats("defects", row.defects), levels
         )
         require_hash("", about, x, row.id)
-        _loaded("verification", row.verification)
+        _load("verification", row.verification)
         _require_numbers(SolutionRow, row)
 
     def solves(self) -> Iterator[Unsound]:
@@ -229,7 +229,7 @@ class _Reader:
 
 
 def _require_certificate(row: Row[Any]) -> None:
-    content = CertificateContent.model_validate(_loaded("content", row.content))
+    content = CertificateContent.model_validate(_load("content", row.content))
     said = (content.solution_id, content.problem_hash, content.level, content.is_sound)
     if said != (row.solution_id, row.problem_hash, row.level, bool(row.is_sound)):
         raise UnsoundError("expected the solution, the problem and the verdict of its content, got others")
@@ -257,7 +257,7 @@ def _floats(name: str, content: bytes) -> np.ndarray[Any, np.dtype[np.float64]]:
     return np.frombuffer(content, dtype="<f8").astype(np.float64)
 
 
-def _loaded(name: str, text: str) -> dict[str, Any]:
+def _load(name: str, text: str) -> dict[str, Any]:
     try:
         found = json.loads(text, parse_constant=_refused)
     except (ValueError, RecursionError) as error:

@@ -1,4 +1,4 @@
-"""Setting aside what cannot be so: rows move from the archive into a file, and totals are counted anew."""
+"""Repair: moves inconsistent rows from the archive to a file, and recounts the counters."""
 
 import json
 import math
@@ -83,7 +83,7 @@ class Aside:
         known.update(dict.fromkeys(new, why))
         return [key[0] for key in new]
 
-    def _found(self, *columns: Column[Any], where: Column[Any], among: list[Any]) -> list[tuple[Any, ...]]:
+    def _rows(self, *columns: Column[Any], where: Column[Any], among: list[Any]) -> list[tuple[Any, ...]]:
         found: list[tuple[Any, ...]] = []
         for start in range(0, len(among), AT_ONCE):
             query = select(*columns).where(where.in_(among[start : start + AT_ONCE]))
@@ -96,30 +96,30 @@ class Aside:
             return
         why = "its solution is set aside"
         own = (_CERTIFICATE.solution_id, _CERTIFICATE.hash)
-        self._add("certificate", self._found(*own, where=_CERTIFICATE.solution_id, among=ids), why)
+        self._add("certificate", self._rows(*own, where=_CERTIFICATE.solution_id, among=ids), why)
         link = (_LINK.solution_id, _LINK.seed_id, _LINK.mapping)
         for end in (_LINK.solution_id, _LINK.seed_id):
-            self._add("seed_link", self._found(*link, where=end, among=ids), why)
-        solves = self._add("solve", self._found(_SOLVE.id, where=_SOLVE.solution_id, among=ids), why)
-        jobs = self._add("job", self._found(_JOB.id, where=_JOB.seed_id, among=ids), "its seed is set aside")
-        of_jobs = self._found(_ATTEMPT.job_id, _ATTEMPT.attempt, where=_ATTEMPT.job_id, among=jobs)
+            self._add("seed_link", self._rows(*link, where=end, among=ids), why)
+        solves = self._add("solve", self._rows(_SOLVE.id, where=_SOLVE.solution_id, among=ids), why)
+        jobs = self._add("job", self._rows(_JOB.id, where=_JOB.seed_id, among=ids), "its seed is set aside")
+        of_jobs = self._rows(_ATTEMPT.job_id, _ATTEMPT.attempt, where=_ATTEMPT.job_id, among=jobs)
         self._add("attempt", of_jobs, "its job is set aside")
-        of_jobs = self._found(_SOLVE.id, where=_SOLVE.job_id, among=jobs)
+        of_jobs = self._rows(_SOLVE.id, where=_SOLVE.job_id, among=jobs)
         self._without_solves(solves + self._add("solve", of_jobs, "its job is set aside"))
 
     def _without_solves(self, ids: list[Any]) -> None:
         """Add the solutions that no other solve found, and the jobs that have no feasible solve left."""
-        jobs = {key for (key,) in self._found(_SOLVE.job_id, where=_SOLVE.id, among=ids)}
+        jobs = {key for (key,) in self._rows(_SOLVE.job_id, where=_SOLVE.id, among=ids)}
         for job in jobs:
             self.changed.setdefault(job, "its feasible solves are set aside")
-        found = self._found(_SOLVE.solution_id, where=_SOLVE.id, among=ids)
+        found = self._rows(_SOLVE.solution_id, where=_SOLVE.id, among=ids)
         left = sorted({key for (key,) in found if key is not None})
         lonely = [
             (solution,)
             for solution in left
             if all(
                 key in self.reasons["solve"]
-                for key in self._found(_SOLVE.id, where=_SOLVE.solution_id, among=[solution])
+                for key in self._rows(_SOLVE.id, where=_SOLVE.solution_id, among=[solution])
             )
         ]
         self._without_solutions(self._add("solution", lonely, "no solve that found it is left"))
@@ -203,7 +203,7 @@ def _delete(connection: Connection, name: str, aside: Aside) -> None:
 
 
 def _unsay(connection: Connection, job: int, why: str) -> None:
-    """Let a job that has no feasible solve left have ended with an error, as the last of its attempts."""
+    """Mark a job without a feasible solve, and its last attempt, as ended with an error."""
     is_feasible = (_SOLVE.job_id == job) & (_SOLVE.ending == "feasible")
     if connection.execute(select(_SOLVE.id).where(is_feasible).limit(1)).first() is not None:
         return
@@ -214,7 +214,7 @@ def _unsay(connection: Connection, job: int, why: str) -> None:
 
 
 def _recount(connection: Connection) -> None:
-    """Count anew what is counted as rows come; the share of a search becomes what its solves have taken."""
+    """Recount the counters; the share of a search becomes the processor time of its solves."""
     connection.exec_driver_sql("DELETE FROM tally")
     connection.exec_driver_sql(FILL_TALLIES)
     before = dict(connection.execute(select(plain(SearchRow).c.id, plain(SearchRow).c.cpu_seconds)).all())

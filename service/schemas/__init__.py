@@ -1,1 +1,1 @@
-"""What the store returns, the API sends and its clients read: one module per noun."""
+"""Read models: what the store returns and the API sends; one module per noun."""

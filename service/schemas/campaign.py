@@ -141,7 +141,7 @@ class BoxView(Answer):
 
 
 class HistoryView(Answer):
-    """How a campaign came to what it has found."""
+    """The history of a campaign."""
 
     campaign_id: int
     #: Solves in all, and those that have been read: fewer just after a start.

@@ -159,7 +159,7 @@ class SpecToCheck(BaseModel):
 
 
 class FaultView(Answer):
-    """Something that has to be changed before the specification can be run."""
+    """An error in a specification."""
 
     #: Names, and places in lists from 0 on, as in search.1.strategy; empty where it is about the whole.
     path: str

@@ -74,7 +74,7 @@ MetricsRow = dict[str, str | int | float | None]
 
 
 class MetricsView(Answer):
-    """What the strategies of a campaign are worth: the tables of its report."""
+    """Statistics of the strategies of a campaign: the tables of its report."""
 
     campaign_id: int
     by_strategy: list[MetricsRow]

@@ -1,1 +1,1 @@
-"""What is done with a stored solution: its record in, a file, a finer or the same flight, a verdict out."""
+"""Operations on a stored solution: export, refine, reproduce, verify, missed thrust."""

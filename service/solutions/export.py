@@ -1,4 +1,4 @@
-"""A solution as a file to take away: which trajectories, in which format, under which name.
+"""Exports a solution to a file: trajectories, format, name.
 
 The formats are those of `core.export`; here they get what the archive knows: whose solution, how it was
 certified, by which code.  A message (OEM) is about one object, so several of them come as a ZIP.
@@ -72,7 +72,7 @@ class ExportedBody:
 
 @dataclass(frozen=True, slots=True)
 class ExportedFile:
-    """A file to take away."""
+    """An exported file."""
 
     name: str
     media_type: str
@@ -149,12 +149,12 @@ class _Writer:
         if made is ExportFormat.SPK:
             return iter([_spk(chosen, "\n".join(self._about(chosen)), self.wanted.first_id)]), media
         if made is ExportFormat.CSV:
-            return _encoded(csv_lines(chosen, self._about(chosen))), media
+            return _encode(csv_lines(chosen, self._about(chosen))), media
         if made is ExportFormat.NDJSON:
-            return _encoded(ndjson_lines(chosen)), media
+            return _encode(ndjson_lines(chosen)), media
         if self.wanted.trajectory != ALL:
-            return _encoded(self._message(chosen[0])), media
-        return iter([self._zipped(chosen)]), ZIP
+            return _encode(self._message(chosen[0])), media
+        return iter([self._zip(chosen)]), ZIP
 
     def _about(self, chosen: Sequence[ExportedTrajectory]) -> list[str]:
         return _about(self.record, chosen, self.wanted.first_id)
@@ -164,7 +164,7 @@ class _Writer:
         name = f"coastarc {self.record.id[:8]} {trajectory.name}"
         return oem_lines(trajectory, key, name, self.created, self._about([trajectory]))
 
-    def _zipped(self, chosen: Sequence[ExportedTrajectory]) -> bytes:
+    def _zip(self, chosen: Sequence[ExportedTrajectory]) -> bytes:
         packed = io.BytesIO()
         with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
             for trajectory in chosen:
@@ -181,7 +181,7 @@ def _spk(chosen: Sequence[ExportedTrajectory], comment: str, first_id: int) -> b
         return path.read_bytes()
 
 
-def _encoded(lines: Iterable[str]) -> Iterator[bytes]:
+def _encode(lines: Iterable[str]) -> Iterator[bytes]:
     return (line.encode() for line in lines)
 
 

@@ -1,4 +1,4 @@
-"""A missed-thrust analysis as it is shown: from the facts of its campaign to maps and probabilities."""
+"""Missed-thrust analysis: maps and probabilities from the results of its campaign."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""Refining a solution: the campaigns, one for each number of segments, whose seed is the flight before.
+"""Mesh refinement of a solution: a campaign for each number of segments, seeded by the one before.
 
 Each is a campaign like any other, with one search and one map job; so its result has a lineage, can be
 reproduced, and the same refinement asked for again is the same campaign.
@@ -21,7 +21,7 @@ from service.store.store import Store
 
 
 class RefineError(UserError, ValueError):
-    """A refinement that cannot be."""
+    """An impossible refinement."""
 
 
 class Step(BaseModel):

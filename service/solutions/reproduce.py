@@ -1,4 +1,4 @@
-"""A solution found again: its very job run on this machine, and its vector compared bit by bit."""
+"""Reproduces a solution: runs its job on this machine and compares the vectors bit by bit."""
 
 import math
 from collections.abc import Callable
@@ -45,7 +45,7 @@ def reproduce(wanted: Reproduction, runner: Callable[[Job], JobOutcome]) -> Comp
     outcome = runner(wanted.job)
     record = next((solve for solve in outcome.solves if solve.hop == wanted.hop), None)
     found = record.x if record else None
-    n_different, largest = _compared(np.array(wanted.x), found)
+    n_different, largest = _compare(np.array(wanted.x), found)
     return Comparison(
         id=wanted.id,
         is_same=n_different == 0,
@@ -61,7 +61,7 @@ def reproduce(wanted: Reproduction, runner: Callable[[Job], JobOutcome]) -> Comp
     )
 
 
-def _compared(then: np.ndarray, found: tuple[float, ...] | None) -> tuple[int | None, float | None]:
+def _compare(then: np.ndarray, found: tuple[float, ...] | None) -> tuple[int | None, float | None]:
     if found is None:
         return None, None
     now = np.array(found)

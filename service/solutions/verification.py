@@ -1,4 +1,4 @@
-"""Certifying the solutions of an archive, one or all: which, by how many processes, and how it went.
+"""Certifies the solutions of an archive, in parallel.
 
 Every certificate is stored as soon as it is made, so an interruption loses nothing but the flights under way.
 
@@ -31,7 +31,7 @@ AHEAD = 2
 
 
 class VerificationError(UserError, ValueError):
-    """A wish for solutions that cannot be met, or a process that was killed over it."""
+    """Solutions that cannot be verified as requested, or a verification process that was killed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class VerificationRequest:
     with_heyoka: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse an altitude that is none."""
+        """Check the altitude."""
         try:
             lowest_passages(self.min_altitude_km)
         except ValueError as error:
@@ -128,7 +128,7 @@ def verify_solutions(
 
     here = basis(asked.min_altitude_km, asked.with_heyoka)
     subjects = (store.certificates.subject(one) for one in ids)
-    for subject, found in _certified(subjects, asked, n_processes):
+    for subject, found in _certify_all(subjects, asked, n_processes):
         if isinstance(found, str):
             reasons = [f"cannot be flown: {found}"]
             yield Verified(
@@ -140,10 +140,10 @@ def verify_solutions(
                 reasons=reasons,
             )
         else:
-            yield _judged(subject, found, store.certificates.add(found, here))
+            yield _judge(subject, found, store.certificates.add(found, here))
 
 
-def _judged(subject: Subject, found: CertificateDocument, is_new: bool) -> Verified:
+def _judge(subject: Subject, found: CertificateDocument, is_new: bool) -> Verified:
     content = found.content
     reasons = [*content.marks, *([content.failure] if content.failure else [])]
     is_worse = RANKS[content.level] < RANKS[subject.level]
@@ -178,7 +178,7 @@ def _judged(subject: Subject, found: CertificateDocument, is_new: bool) -> Verif
     )
 
 
-def _certified(
+def _certify_all(
     subjects: Iterable[Subject], asked: VerificationRequest, n_processes: int
 ) -> Iterator[tuple[Subject, CertificateDocument | str]]:
     if n_processes == 1:
@@ -196,12 +196,12 @@ def _certified(
             if not flying:
                 return
             for future in wait(flying, return_when=FIRST_COMPLETED).done:
-                yield flying.pop(future), _flown(future)
+                yield flying.pop(future), _propagate(future)
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _flown(future: Future[CertificateDocument | str]) -> CertificateDocument | str:
+def _propagate(future: Future[CertificateDocument | str]) -> CertificateDocument | str:
     try:
         return future.result()
     except BrokenProcessPool as error:

@@ -72,13 +72,13 @@ def _listed_mappings(given: Any) -> Any:
     return given
 
 
-def _checked_mapping(name: str) -> str:
+def _check_mapping(name: str) -> str:
     check_mapping(name)
     return name
 
 
 Mappings = Annotated[
-    tuple[Annotated[str, AfterValidator(_checked_mapping)], ...],
+    tuple[Annotated[str, AfterValidator(_check_mapping)], ...],
     Field(min_length=1, max_length=100),
     BeforeValidator(_listed_mappings),
 ]
@@ -241,20 +241,18 @@ class SearchSpec(Strict):
         foreign = SEED_FIELDS if self.seed_k is None else CHAIN_FIELDS
         for name in foreign:
             if name in self.model_fields_set:
-                raise ValueError(
-                    f"{name}: expected to be absent for {self.strategy}, got {self._shown(name)}"
-                )
+                raise ValueError(f"{name}: expected to be absent for {self.strategy}, got {self._show(name)}")
         if self.seed_k is not None and self.seeds is None:
             raise ValueError(
                 f"seeds: expected a table with `from` or `solution` for {self.strategy}, got none"
             )
         if self.is_refinement:
-            return self._refined_rightly()
+            return self._refinement_fits()
         if self.seed_k is not None and (self.seed_k > self.k or self.seed_k == self.k == 0):
             raise ValueError(f"strategy: expected k' < k, or k' = k for longer outages, got {self.strategy}")
         return self
 
-    def _refined_rightly(self) -> Self:
+    def _refinement_fits(self) -> Self:
         if self.mapping != (REFINED,) or self.seed_k != self.k:
             raise ValueError(
                 f"mapping: expected {REFINED} alone and k' = k, "
@@ -281,6 +279,6 @@ class SearchSpec(Strict):
             raise ValueError(f"guesses: expected at least one for each of {n} cases, got {self.guesses}")
         return self
 
-    def _shown(self, name: str) -> str:
+    def _show(self, name: str) -> str:
         value = getattr(self, name)
         return "a table" if isinstance(value, BaseModel) else repr(value)

@@ -91,12 +91,12 @@ def require_seedable(search: SearchSpec, source: SearchSpec) -> None:
     is_free = search.seeds.any_duration or search.seed_k == search.k or not source.k
     if not is_free and source.durations != search.durations:
         raise ValueError(
-            f"{about}: expected outages of {_listed(search.durations)} days, got {source.id!r} with "
-            f"{_listed(source.durations)}; set any_duration to allow it"
+            f"{about}: expected outages of {_join(search.durations)} days, got {source.id!r} with "
+            f"{_join(source.durations)}; set any_duration to allow it"
         )
 
 
-def _listed(durations: set[float]) -> str:
+def _join(durations: set[float]) -> str:
     return ", ".join(f"{duration:g}" for duration in sorted(durations))
 
 

@@ -1,4 +1,4 @@
-"""A specification before it is run: each fault with its place and line, what would be run, and its ends made.
+"""Checks a specification: errors with field and line, the plan, and its departure and target.
 
 Departure and target are made before a campaign is stored: a worker would find out as well that one of them
 cannot be, but only with one dead job after another.
@@ -48,7 +48,7 @@ IMPOSSIBLE = (
 
 
 class Fault(NamedTuple):
-    """Something that has to be changed before the specification can be run."""
+    """An error in a specification."""
 
     #: Names, and places in lists from 0 on, as in search.1.strategy; empty where it is about the whole.
     path: str
@@ -109,13 +109,13 @@ def _fault(message: str, fields: dict[str, Any], text: str) -> Fault:
     named = place[1].split(".") if place else []
     path: list[str | int] = [int(part) if part.isdecimal() else part for part in named if part]
     words = message[place.end() :] if place else message
-    path += _named_in(words, fields, path)
+    path += _place_in(words, fields, path)
     if path and words.startswith(f"{path[-1]}: "):
         words = words.removeprefix(f"{path[-1]}: ")
     return Fault(".".join(map(str, path)), line_of(text, path), words)
 
 
-def _named_in(words: str, fields: dict[str, Any], path: Sequence[str | int]) -> list[str | int]:
+def _place_in(words: str, fields: dict[str, Any], path: Sequence[str | int]) -> list[str | int]:
     """Return the place that the words of a fault name, where it is between searches or fields of one."""
     if path:
         field = re.match(r"(\w+)(?:\.\w+)*: ", words) if path[0] == "search" else None
@@ -152,10 +152,10 @@ def planned(spec: Spec) -> list[Planned]:
     for _, search in spec.in_order:
         if search.seed_k is not None:
             most[search.id] = _guesses_most(search, most)
-    return [_planned(search, most[search.id]) for search in spec.search]
+    return [_plan(search, most[search.id]) for search in spec.search]
 
 
-def _planned(search: SearchSpec, n_most: int | None) -> Planned:
+def _plan(search: SearchSpec, n_most: int | None) -> Planned:
     hours = None if n_most is None else n_most * search.cpu_seconds * (1 + search.k) / 3600.0
     if search.core_seconds is not None:
         hours = min(search.core_seconds / 3600.0, hours if hours is not None else float("inf"))
@@ -167,7 +167,7 @@ def _guesses_most(search: SearchSpec, most: dict[str, int | None]) -> int | None
     seeds = search.seeds
     if seeds is None:
         return search.guesses
-    known = _known(seeds, most)
+    known = _most_seeds(seeds, most)
     bounds = [n for n in (known, seeds.limit) if n is not None]
     if not bounds:
         return search.guesses
@@ -175,7 +175,7 @@ def _guesses_most(search: SearchSpec, most: dict[str, int | None]) -> int | None
     return mapped if search.guesses is None else min(mapped, search.guesses)
 
 
-def _known(seeds: Seeds, most: dict[str, int | None]) -> int | None:
+def _most_seeds(seeds: Seeds, most: dict[str, int | None]) -> int | None:
     """Return how many seeds there are at most, as far as the specification tells."""
     if seeds.source is None:
         return 1
@@ -194,7 +194,7 @@ def _cases_per_seed(search: SearchSpec, seeds: Seeds) -> int:
 
 
 def require_flyable(problem: Problem, name: str = "spec.problem") -> None:
-    """Make what a problem starts from and flies to, or raise SpecError; all its outages share both."""
+    """Compute the departure state and the target of a problem, or raise SpecError."""
     try:
         require_physical(problem, name)
     except ProblemError as error:

@@ -55,7 +55,7 @@ def _value(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        return _quoted(value)
+        return _quote(value)
     if isinstance(value, Mapping):
         inside = ", ".join(f"{_key(key)} = {_value(one)}" for key, one in value.items() if one is not None)
         return f"{{ {inside} }}" if inside else "{}"
@@ -69,10 +69,10 @@ def _name(path: tuple[str, ...]) -> str:
 
 
 def _key(key: str) -> str:
-    return key if _BARE.fullmatch(key) else _quoted(key)
+    return key if _BARE.fullmatch(key) else _quote(key)
 
 
-def _quoted(text: str) -> str:
+def _quote(text: str) -> str:
     # JSON escapes what TOML escapes, but for one character.
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
@@ -91,10 +91,10 @@ def _short_problem(fields: dict[str, Any]) -> dict[str, Any]:
 
 def _beside(name: str, fields: dict[str, Any]) -> dict[str, Any]:
     base = problem_from({"preset": name}).model_dump(mode="json")
-    return {"preset": name, **_changed(base, fields)}
+    return {"preset": name, **_changes(base, fields)}
 
 
-def _changed(base: Mapping[str, Any], fields: Mapping[str, Any]) -> dict[str, Any]:
+def _changes(base: Mapping[str, Any], fields: Mapping[str, Any]) -> dict[str, Any]:
     """Return the fields that differ from those of a preset, which are laid over it when they are read."""
     changed = {}
     for name, value in fields.items():
@@ -102,7 +102,7 @@ def _changed(base: Mapping[str, Any], fields: Mapping[str, Any]) -> dict[str, An
         if value == old:
             continue
         is_inside = isinstance(value, dict) and isinstance(old, dict) and value.get("kind") == old.get("kind")
-        changed[name] = _changed(old, value) if is_inside and old is not None else value
+        changed[name] = _changes(old, value) if is_inside and old is not None else value
     return changed
 
 

@@ -1,1 +1,1 @@
-"""Every query: what may be asked of the archive, and what may be done to it."""
+"""The queries and transactions of an archive."""

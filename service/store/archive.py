@@ -1,4 +1,4 @@
-"""An archive as those who only look at it need it: campaigns, jobs, workers, solutions and certificates.
+"""Read access to an archive: campaigns, jobs, workers, solutions and certificates.
 
 Nothing here needs the numerics, so that lists of the command line cost little; `service.store.store` adds
 all that changes an archive or computes something of it.
@@ -20,7 +20,7 @@ from service.schemas.solution import RecordInFull, RecordWithVector
 from service.store import campaigns, filters, jobs, solutions, workers
 from service.store.filters import Filter, Order
 from service.store.solutions import Certificates
-from workers.patience import Outage
+from workers.retry import Downtime
 
 
 class Archive:
@@ -58,9 +58,9 @@ class Archive:
         self._database.close()
 
     @property
-    def outage(self) -> Outage:
+    def downtime(self) -> Downtime:
         """What is said of an archive that cannot be used for a while."""
-        return self._database.outage
+        return self._database.downtime
 
     def campaigns(self) -> list[CampaignItem]:
         """Return the campaigns, the newest first."""

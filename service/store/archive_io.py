@@ -43,7 +43,7 @@ from service.db.tables import (
 )
 from service.store.cache import spec_of
 from service.store.errors import UnknownRowError
-from service.store.events import note
+from service.store.events import add_event
 from service.store.planning import add_cases
 from service.store.solutions import ELSEWHERE
 from workers.certificate import CertificateContent
@@ -107,10 +107,10 @@ def entries(session: Session, campaigns: Sequence[CampaignRow]) -> Iterator[Entr
     for number, campaign in enumerate(campaigns):
         yield from campaign_entries(session, campaign, f"campaigns/{number:02d}")
     searches = _searches_to_export(session, campaigns)
-    yield "provenance.ndjson", _written(_provenance_lines(session, searches))
-    yield "solutions.ndjson", _written(_solution_lines(session, searches))
+    yield "provenance.ndjson", _encode(_provenance_lines(session, searches))
+    yield "solutions.ndjson", _encode(_solution_lines(session, searches))
     if (first := next(certificates := _certificate_lines(session, searches), None)) is not None:
-        yield CERTIFICATES, _written(chain([first], certificates))
+        yield CERTIFICATES, _encode(chain([first], certificates))
     for name, path in sorted(target_entries([spec_of(campaign) for campaign in campaigns]).items()):
         yield name, [path.read_bytes()]
 
@@ -120,11 +120,11 @@ def campaign_entries(session: Session, campaign: CampaignRow, folder: str) -> It
     numbers: dict[int, int] = {}
     searches = _searches_to_export(session, [campaign])
     yield f"{folder}/campaign.json", [_campaign(session, campaign).written()]
-    yield f"{folder}/jobs.ndjson", _written(_jobs(session, searches, numbers))
-    yield f"{folder}/solves.ndjson", _written(_solves(session, searches, numbers))
+    yield f"{folder}/jobs.ndjson", _encode(_jobs(session, searches, numbers))
+    yield f"{folder}/solves.ndjson", _encode(_solves(session, searches, numbers))
 
 
-def _written(lines: Iterable[Line]) -> Iterator[bytes]:
+def _encode(lines: Iterable[Line]) -> Iterator[bytes]:
     return (line.written() for line in lines)
 
 
@@ -180,7 +180,7 @@ def _jobs(session: Session, searches: dict[int, int], numbers: dict[int, int]) -
         for row in rows:
             numbers[row.id] = len(numbers)
             yield JobLine(
-                **_taken(row, JOB_COLUMNS),
+                **_columns(row, JOB_COLUMNS),
                 search=searches[row.search_id],
                 case=row.case_index,
                 seed=row.seed_id,
@@ -196,7 +196,7 @@ def _attempts(session: Session, first: int, last: int) -> dict[int, list[Attempt
     )
     found: dict[int, list[AttemptLine]] = {}
     for row in session.connection().execute(query):
-        line = AttemptLine(**_taken(row, ATTEMPT_COLUMNS), provenance=row.provenance_hash)
+        line = AttemptLine(**_columns(row, ATTEMPT_COLUMNS), provenance=row.provenance_hash)
         found.setdefault(row.job_id, []).append(line)
     return found
 
@@ -206,7 +206,7 @@ def _solves(session: Session, searches: dict[int, int], numbers: dict[int, int])
     for rows in _chunks(session, query, _SOLVE.id):
         for row in rows:
             yield SolveLine(
-                **_taken(row, SOLVE_COLUMNS),
+                **_columns(row, SOLVE_COLUMNS),
                 job=numbers[row.job_id],
                 defects=_with_gaps(row.defects),
                 solution=row.solution_id,
@@ -225,35 +225,35 @@ def _provenance_lines(session: Session, searches: dict[int, int]) -> Iterator[Pr
 
 
 def _solution_lines(session: Session, searches: dict[int, int]) -> Iterator[SolutionLine]:
-    query = select(plain(SolutionRow)).where(_SOLUTION.id.in_(_found(searches)))
+    query = select(plain(SolutionRow)).where(_SOLUTION.id.in_(_solution_ids(searches)))
     for rows in _chunks(session, query, _SOLUTION.id):
         for row in rows:
             yield SolutionLine(
-                **_taken(row, SOLUTION_COLUMNS),
+                **_columns(row, SOLUTION_COLUMNS),
                 problem=row.problem_hash,
                 x=row.x,
                 defects=_with_gaps(row.defects),
             )
 
 
-def _found(searches: dict[int, int]) -> Select[Any]:
+def _solution_ids(searches: dict[int, int]) -> Select[Any]:
     return select(_SOLVE.solution_id).where(_SOLVE.search_id.in_(searches), _SOLVE.solution_id.is_not(None))
 
 
 def _certificate_lines(session: Session, searches: dict[int, int]) -> Iterator[CertificateLine]:
     owner = _CERTIFICATE.solution_id
-    is_ours = owner.in_(_found(searches))
+    is_ours = owner.in_(_solution_ids(searches))
     for owners in _chunks(session, select(owner).where(is_ours).distinct(), owner):
         span = owner.between(owners[0].solution_id, owners[-1].solution_id)
         query = select(plain(CertificateRow)).where(is_ours, span).order_by(owner, _CERTIFICATE.hash)
         for row in session.connection().execute(query):
             # A database may give a whole float back as an integer; the document knows which is which.
             content = CertificateContent.model_validate(row.content).model_dump(mode="json")
-            own = _taken(row, CERTIFICATE_COLUMNS)
+            own = _columns(row, CERTIFICATE_COLUMNS)
             yield CertificateLine(**own, solution=row.solution_id, content=content)
 
 
-def _taken(row: Row[Any], names: Iterable[str]) -> dict[str, Any]:
+def _columns(row: Row[Any], names: Iterable[str]) -> dict[str, Any]:
     return {name: getattr(row, name) for name in names}
 
 
@@ -299,7 +299,7 @@ def import_campaigns(session: Session, read: ReadFile, now: float) -> ImportResu
         n_solutions = _add_new(session, SolutionRow, _solutions(read))
     for row, campaign in new:
         n_solves += _add_work(session, row, campaign, read)
-        note(session, row.id, "campaign", now, state=row.state)
+        add_event(session, row.id, "campaign", now, state=row.state)
     # They may have been made since a campaign that is there already came here.
     n_certificates = _add_new(session, CertificateRow, _certificates(read))
     return ImportResult(campaign_id, [row.name for row, _ in new], n_solves, n_solutions, n_certificates)

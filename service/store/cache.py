@@ -1,4 +1,4 @@
-"""Specifications of campaigns and definitions of problems, read and parsed once per process.
+"""Caches of parsed specifications and problem definitions.
 
 What never changes once it is stored, kept in memory under the hash that names it.
 """
@@ -24,7 +24,7 @@ T = TypeVar("T")
 
 
 class Cache(Generic[T]):
-    """At most `most` things; the one asked for longest ago is forgotten first."""
+    """An LRU cache of at most `most` entries."""
 
     def __init__(self, most: int) -> None:
         self._most = most

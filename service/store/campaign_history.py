@@ -1,4 +1,4 @@
-"""How a campaign came to what it has found: improvements, outcomes over time, seeds, delta-v.
+"""The history of a campaign: improvements, outcomes over time, seeds, delta-v.
 
 A history holds counts, sums, moments of improvement and the delta-v of all solutions.  It is cached in memory
 and brought up to date with every question: a solve is stored once and never changed, and the one writer
@@ -47,7 +47,7 @@ from service.store.campaigns import (
 )
 from service.store.errors import UnknownRowError
 from service.store.filters import look_up_campaign
-from service.store.statistics import summed
+from service.store.statistics import sum_counts
 
 T = TypeVar("T")
 
@@ -489,8 +489,8 @@ def _card(campaign: CampaignRow, numbers: Sequence[Numbers], history: History, n
 
 def _outcomes(numbers: Sequence[Numbers]) -> Outcomes:
     """Return how solves ended, from what is counted as they are stored."""
-    levels = summed(one.tallies.get("level", {}) for one in numbers)
-    endings = summed(one.tallies.get("solve", {}) for one in numbers)
+    levels = sum_counts(one.tallies.get("level", {}) for one in numbers)
+    endings = sum_counts(one.tallies.get("solve", {}) for one in numbers)
     n_strict, n_paper = levels.get("strict", 0), levels.get("paper", 0)
     odd = {name: endings.get(name, 0) for name in ("timeout", "numerical")}
     n_rest = sum(endings.values()) - n_paper - sum(odd.values())

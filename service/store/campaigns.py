@@ -1,4 +1,4 @@
-"""Campaigns and their searches in numbers: lists that cost little however large campaigns are."""
+"""Lists of campaigns and searches from counters, fast for large campaigns."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple, cast
@@ -16,7 +16,7 @@ from service.schemas.search import JobCounts, RatioView, SearchState, SearchView
 from service.spec.search_spec import SearchSpec
 from service.store.cache import search_spec, spec_of
 from service.store.errors import UnknownRowError
-from service.store.statistics import job_states, n_solutions, summed, tallies
+from service.store.statistics import job_states, n_solutions, sum_counts, tallies
 
 
 def ratio_view(n: int, n_solves: int) -> RatioView:
@@ -115,8 +115,8 @@ def _best(session: Session, wanted: ColumnElement[bool]) -> dict[int, SolutionRo
 
 def item_fields(campaign: CampaignRow, numbers: Sequence[Numbers]) -> dict[str, Any]:
     """Return what lists show of a campaign, in the names of `CampaignItem`."""
-    counts = summed(one.jobs for one in numbers)
-    found = summed(one.tallies.get("solution", {}) for one in numbers)
+    counts = sum_counts(one.jobs for one in numbers)
+    found = sum_counts(one.tallies.get("solution", {}) for one in numbers)
     return {
         "id": campaign.id,
         "name": campaign.name,

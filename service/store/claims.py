@@ -1,4 +1,4 @@
-"""Jobs claimed: whose turn it is, the lease that begins, and the attempt that still holds a job.
+"""Claims of jobs, their leases, and the lock of an attempt that holds a job.
 
 A locked attempt is read at once with all that recording its outcome needs.
 """
@@ -84,7 +84,7 @@ def claim(
     shares = [_share(search, owner, n_running) for search, owner, n_running in found.values()]
     turns = in_turn(shares, take, n_jobs)
     seeds = seeds_of(session, turns)
-    claims = [_claimed(session, turn, seeds, worker, now, lease_s) for turn in turns]
+    claims = [_claim(session, turn, seeds, worker, now, lease_s) for turn in turns]
     if claims:
         attempts = [(claim.job_id, claim.attempt) for claim in claims]
         common = {"worker": worker, "claimed_by": by, "started_at": now}
@@ -112,7 +112,7 @@ def seeds_of(session: Session, turns: Sequence[Turn]) -> dict[str, Any]:
     return {row.id: row for row in session.connection().execute(_SEEDS, {"ids": wanted})}
 
 
-def _claimed(
+def _claim(
     session: Session, turn: Turn, seeds: dict[str, Any], worker: str, now: float, lease_s: float
 ) -> Claim:
     job = turn.job

@@ -1,4 +1,4 @@
-"""Outcomes recorded under fencing tokens: what follows from one is stored with it or not at all.
+"""Records results under fencing tokens: what follows from one is stored with it or not at all.
 
 That are solves, solutions and the links to their seeds, and the jobs that a new solution seeds.
 """
@@ -41,7 +41,7 @@ from service.store.claims import (
     seeds_of,
 )
 from service.store.errors import StoreError, UnknownRowError
-from service.store.events import noted, noted_job, store
+from service.store.events import add_events, event_of, job_event
 from service.store.planning import add_jobs, go_on_after, is_used_up
 from service.store.statistics import Counts, scope_of
 from service.validation import JobFacts, UnsoundError, require_outcome, require_records, solution_hash
@@ -88,7 +88,7 @@ def add_solve(
     _count(counts, job.search_id, record, scope)
     if solution_id is None:
         return
-    work.events.append(_announced(held, record, solution_id, now))
+    work.events.append(_solution_event(held, record, solution_id, now))
     if job.seed_id is not None and job.seed_id != solution_id:
         link = {"solution_id": solution_id, "seed_id": job.seed_id, "mapping": job.mapping}
         insert_new(session, SeedLinkRow, link)
@@ -157,9 +157,9 @@ def _flat(defects: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
     return np.array(defects, dtype=np.float64).ravel()
 
 
-def _announced(held: LockedAttempt, record: SolveRecord, solution_id: str, now: float) -> dict[str, Any]:
+def _solution_event(held: LockedAttempt, record: SolveRecord, solution_id: str, now: float) -> dict[str, Any]:
     assert record.trajectory is not None and record.certificate is not None
-    return noted(
+    return event_of(
         held.campaign.id,
         "solution",
         now,
@@ -239,11 +239,11 @@ def complete(
     for report in reports:
         ticket, outcome = report.ticket, report.outcome
         # The same report twice finds nothing the second time.
-        mine = held.pop(ticket, None) or _taken_up(session, ticket, outcome, counts, now, by)
+        mine = held.pop(ticket, None) or _reclaim(session, ticket, outcome, counts, now, by)
         if mine is not None and report.job_digest is not None:
             _require_same_job(session, mine, report.job_digest)
         if mine is None:
-            answers.append(_stored_answer(session, ticket, by))
+            answers.append(_repeat_answer(session, ticket, by))
             continue
         work = worked.setdefault(mine.search.id, Worked(mine.search, mine.campaign))
         _take_back(session, mine, work, outcome, counts, now)
@@ -279,7 +279,7 @@ def _follow_up(session: Session, worked: Sequence[Worked], counts: Counts, now: 
     for work in worked:
         _charge(session, work)
     counts.store(session)
-    store(session, [event for work in worked for event in work.events])
+    add_events(session, [event for work in worked for event in work.events])
     for work in worked:
         go_on_after(session, work, now)
 
@@ -330,14 +330,14 @@ def _take_back(
     counts.add(job.search_id, "attempt", outcome.ending.value)
     if job.state == "done":
         counts.add(job.search_id, "job", "done")
-    work.events.append(noted_job(held.search, job, now))
+    work.events.append(job_event(held.search, job, now))
     _log(session, held, outcome.ending)
 
 
-def _taken_up(
+def _reclaim(
     session: Session, ticket: Ticket, outcome: JobOutcome, counts: Counts, now: float, by: str | None
 ) -> LockedAttempt | None:
-    """Give an attempt its job back that went to the queue, if it brings a result and nobody has begun since.
+    """Return a requeued job to an attempt that brings a late result, unless it was claimed since.
 
     The attempt of the next claim is another one, so the fence is as tight as it was.
     """
@@ -392,7 +392,7 @@ def _log(session: Session, held: LockedAttempt, ending: Ending) -> None:
     say(session, log, level, message, **ids)
 
 
-def _stored_answer(session: Session, ticket: Ticket, by: str | None) -> CompleteAnswer:
+def _repeat_answer(session: Session, ticket: Ticket, by: str | None) -> CompleteAnswer:
     if session.get(JobRow, ticket.job_id) is None:
         raise UnknownRowError("job", ticket.job_id)
     attempt = session.get(AttemptRow, tuple(ticket))

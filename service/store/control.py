@@ -9,7 +9,7 @@ from service.db.tables import CampaignRow, JobRow, SearchRow
 from service.db.transitions import ENDED, sources
 from service.store.campaigns import get_campaign_row, get_search_row
 from service.store.errors import UnknownRowError, WrongStateError
-from service.store.events import note, note_job, note_search
+from service.store.events import add_event, add_job_event, add_search_event
 from service.store.planning import advance, enter
 
 Verb = Literal["pause", "resume", "cancel"]
@@ -29,7 +29,7 @@ def control_campaign(session: Session, campaign_id: int, verb: Verb, now: float)
         for row in session.scalars(select(SearchRow).where(SearchRow.campaign_id == campaign_id)):
             if row.state not in ENDED:
                 _cancel_search(session, row, now)
-    note(session, campaign_id, "campaign", now, state=state)
+    add_event(session, campaign_id, "campaign", now, state=state)
     advance(session, campaign, now)
 
 
@@ -51,31 +51,31 @@ def control_search(session: Session, campaign_id: int, name: str, verb: Verb, no
 
 
 def _cancel_search(session: Session, row: SearchRow, now: float) -> None:
-    """Take its jobs out of the queue, and have those that run stopped."""
+    """Cancel its queued jobs and stop the running ones."""
     own = JobRow.search_id == row.id
     queued, running = own & (JobRow.state == "queued"), own & (JobRow.state == "running")
     session.execute(update(JobRow).where(queued).values(state="cancelled", updated_at=now))
     session.execute(update(JobRow).where(running).values(is_cancelling=True, updated_at=now))
     row.state = "cancelled"
-    note_search(session, row, now)
+    add_search_event(session, row, now)
 
 
 def set_campaign(session: Session, campaign_id: int, priority: int) -> None:
-    """Let a campaign go before others, or after them."""
+    """Set the priority of a campaign."""
     get_campaign_row(session, campaign_id).priority = priority
 
 
 def set_search(
     session: Session, campaign_id: int, name: str, weight: float | None, priority: int | None
 ) -> None:
-    """Give a search another part of the workers, or another place before or after other searches."""
+    """Set weight or priority of a search."""
     _, row = get_search_row(session, campaign_id, name)
     row.weight = row.weight if weight is None else weight
     row.priority = row.priority if priority is None else priority
 
 
 def cancel_job(session: Session, job_id: int, now: float) -> None:
-    """Take a job out of the queue, or have it stopped; what it still reports through the fence is kept."""
+    """Cancel a queued or running job; a report that still passes the fence is kept."""
     job, search, campaign = _job(session, job_id)
     if job.state == "cancelled" or job.is_cancelling:
         return
@@ -84,12 +84,12 @@ def cancel_job(session: Session, job_id: int, now: float) -> None:
         job.is_cancelling, job.updated_at = True, now
         return
     job.state, job.updated_at = "cancelled", now
-    note_job(session, search, job, now)
+    add_job_event(session, search, job, now)
     advance(session, campaign, now)
 
 
 def requeue_job(session: Session, job_id: int, now: float) -> None:
-    """Give a dead or cancelled job another attempt, with a clean record."""
+    """Requeue a dead or cancelled job; its count of failures is reset."""
     job, search, campaign = _job(session, job_id)
     if job.state == "queued":
         return
@@ -104,11 +104,11 @@ def requeue_job(session: Session, job_id: int, now: float) -> None:
     session.flush()
     if job.state != "queued":
         raise WrongStateError(f"search {search.name}: expected a budget that is not used up, got one that is")
-    note_job(session, search, job, now)
+    add_job_event(session, search, job, now)
 
 
-def revive(session: Session, campaign_id: int, now: float) -> int:
-    """Put back the jobs of a campaign that were given up, with a clean record; return how many."""
+def requeue_dead_jobs(session: Session, campaign_id: int, now: float) -> int:
+    """Requeue the dead jobs of a campaign, their counts of failures reset; return how many."""
     campaign = get_campaign_row(session, campaign_id)
     if campaign.state == "cancelled":
         return 0
@@ -121,7 +121,7 @@ def revive(session: Session, campaign_id: int, now: float) -> int:
     if jobs:
         _requeue(session, jobs, now)
         _open_again(session, campaign, {job.search_id for job in jobs}, now)
-        note(session, campaign_id, "campaign", now, state=campaign.state, n_requeued=len(jobs))
+        add_event(session, campaign_id, "campaign", now, state=campaign.state, n_requeued=len(jobs))
     return len(jobs)
 
 
@@ -142,7 +142,7 @@ def _open_again(session: Session, campaign: CampaignRow, search_ids: set[int], n
             reopened.add(row.id)
     if campaign.state == "done":
         campaign.state, campaign.finished_at = "active", None
-        note(session, campaign.id, "campaign", now, state="active")
+        add_event(session, campaign.id, "campaign", now, state="active")
     advance(session, campaign, now)
 
 

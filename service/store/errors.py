@@ -1,4 +1,4 @@
-"""What the store refuses.
+"""Errors of the store.
 
 StoreError(RuntimeError)
 UnknownRowError  no row has this id
@@ -25,7 +25,7 @@ class UnknownRowError(StoreError):
 
 
 class ConflictError(StoreError):
-    """What is stored already stands against it."""
+    """A conflict with what is stored."""
 
     #: What a program reads in the refusal.
     code = "conflict"

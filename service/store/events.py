@@ -1,4 +1,4 @@
-"""The journal that live pages follow."""
+"""The event log that live pages follow."""
 
 from typing import Any
 
@@ -12,37 +12,37 @@ from service.schemas.job import EventView
 _NOTE = insert(plain(EventRow))
 
 
-def note(session: Session, campaign_id: int, kind: str, now: float, **data: Any) -> None:
+def add_event(session: Session, campaign_id: int, kind: str, now: float, **data: Any) -> None:
     """Write an event in the transaction of what happened."""
-    store(session, [noted(campaign_id, kind, now, **data)])
+    add_events(session, [event_of(campaign_id, kind, now, **data)])
 
 
-def noted(campaign_id: int, kind: str, now: float, **data: Any) -> dict[str, Any]:
+def event_of(campaign_id: int, kind: str, now: float, **data: Any) -> dict[str, Any]:
     """Return an event that is to be stored with others."""
     return {"campaign_id": campaign_id, "kind": kind, "data": data, "created_at": now}
 
 
-def store(session: Session, events: list[dict[str, Any]]) -> None:
+def add_events(session: Session, events: list[dict[str, Any]]) -> None:
     """Write events in their order."""
     flush_new(session)
     if events:
         session.connection().execute(_NOTE, events)
 
 
-def note_job(session: Session, search: SearchRow, job: JobRow, now: float) -> None:
+def add_job_event(session: Session, search: SearchRow, job: JobRow, now: float) -> None:
     """Write the event of a job that got another state."""
-    store(session, [noted_job(search, job, now)])
+    add_events(session, [job_event(search, job, now)])
 
 
-def noted_job(search: SearchRow, job: JobRow, now: float) -> dict[str, Any]:
+def job_event(search: SearchRow, job: JobRow, now: float) -> dict[str, Any]:
     """Return the event of a job that got another state, to be stored with others."""
     data = {"job_id": job.id, "search": search.name, "search_id": search.id}
-    return noted(search.campaign_id, "job", now, **data, state=job.state, ending=job.ending)
+    return event_of(search.campaign_id, "job", now, **data, state=job.state, ending=job.ending)
 
 
-def note_search(session: Session, search: SearchRow, now: float) -> None:
+def add_search_event(session: Session, search: SearchRow, now: float) -> None:
     """Write the event of a search that got another state."""
-    note(
+    add_event(
         session,
         search.campaign_id,
         "search",

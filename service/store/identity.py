@@ -67,20 +67,20 @@ def new_secret() -> Secret:
     return Secret(secrets.token_hex(6), secrets.token_urlsafe(32))
 
 
-def taken_apart(text: str) -> Secret | None:
+def split_token(text: str) -> Secret | None:
     """Return the parts of a written token, or None if it is none."""
     found = _WRITTEN.fullmatch(text)
     return Secret(*found.groups()) if found else None
 
 
-def hashed(secret: str) -> str:
+def hash_secret(secret: str) -> str:
     """Return what is stored of a secret."""
     return hashlib.blake2b(secret.encode(), digest_size=32, person=b"coastarc token").hexdigest()
 
 
 def is_secret_of(secret: str, stored: str) -> bool:
     """Return whether a secret belongs to a stored hash, in a time that tells nothing about either."""
-    return hmac.compare_digest(hashed(secret), stored)
+    return hmac.compare_digest(hash_secret(secret), stored)
 
 
 DAY_S = 86400.0
@@ -89,7 +89,7 @@ SESSION_S = 12 * 3600.0
 #: The use of a token is written down this often at most [s].
 USE_PERIOD_S = 60.0
 #: Compared with where no row is found, so that such an answer takes as long as any other.
-_NO_HASH = hashed("")
+_NO_HASH = hash_secret("")
 
 
 class RefusedTokenError(StoreError):
@@ -161,10 +161,10 @@ class Identities:
         return self._database.write(lambda session: _sign_in(session, written, self._clock()))
 
     def sign_out(self, written: str) -> None:
-        """End a session; one that is none has ended already."""
-        parts = taken_apart(written)
+        """End a session; idempotent."""
+        parts = split_token(written)
         if parts is not None:
-            mine = (SessionRow.id == parts.id) & (SessionRow.secret_hash == hashed(parts.secret))
+            mine = (SessionRow.id == parts.id) & (SessionRow.secret_hash == hash_secret(parts.secret))
             self._database.write(lambda session: session.execute(delete(SessionRow).where(mine)))
 
     def record(self, identity: Identity | None, address: str, method: str, path: str, status: int) -> None:
@@ -209,7 +209,7 @@ def _create(session: Session, name: str, role: Role, days: float, now: float) ->
         id=made.id,
         name=name,
         role=role.value,
-        secret_hash=hashed(made.secret),
+        secret_hash=hash_secret(made.secret),
         created_at=now,
         expires_at=now + days * DAY_S,
     )
@@ -243,7 +243,7 @@ def _forget(session: Session, which: ColumnElement[bool]) -> None:
 
 def _token(session: Session, written: str, now: float) -> TokenRow:
     """Return the token in force that a text is."""
-    parts = taken_apart(written)
+    parts = split_token(written)
     row = session.get(TokenRow, parts.id) if parts else None
     # The secret is compared first: only who has it is told more about the token.
     if not _is_right(parts, row) or row is None:
@@ -252,7 +252,7 @@ def _token(session: Session, written: str, now: float) -> TokenRow:
 
 
 def _session_token(session: Session, written: str, now: float) -> TokenRow:
-    parts = taken_apart(written)
+    parts = split_token(written)
     row = session.get(SessionRow, parts.id) if parts else None
     if not _is_right(parts, row) or row is None or row.expires_at <= now:
         raise RefusedTokenError("session: expected one that is open, got another; sign in again")
@@ -279,7 +279,7 @@ def _sign_in(session: Session, written: str, now: float) -> tuple[str, float, Id
         SessionRow(
             id=made.id,
             token_id=token.id,
-            secret_hash=hashed(made.secret),
+            secret_hash=hash_secret(made.secret),
             created_at=now,
             expires_at=now + lifetime,
         )

@@ -15,7 +15,7 @@ from service.schemas.problem import OutageView, ProblemItem, ProblemPage, Proble
 from service.schemas.search import HopsView, SearchDetail
 from service.store import searches
 from service.store.errors import StoreError, UnknownRowError
-from service.store.statistics import job_states, summed
+from service.store.statistics import job_states, sum_counts
 
 #: What a job's view takes from other rows.
 ELSEWHERE = ("campaign_id", "search", "error")
@@ -194,7 +194,7 @@ def _counts(session: Session) -> dict[int, dict[str, int]]:
     found: dict[int, list[dict[str, int]]] = {}
     for search_id, counts in job_states(session, true()).items():
         found.setdefault(owners[search_id], []).append(counts)
-    return {campaign_id: summed(counts) for campaign_id, counts in found.items()}
+    return {campaign_id: sum_counts(counts) for campaign_id, counts in found.items()}
 
 
 def _oldest(session: Session) -> tuple[int, float] | None:

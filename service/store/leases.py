@@ -1,4 +1,4 @@
-"""Leases: renewed by heartbeats, expired ones taken back; old audit rows and events pruned.
+"""Leases: renewal by heartbeats, expiry, and pruning of old audit rows and events.
 
 Results, jobs and attempts are never pruned.
 """
@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 
 from service.db.tables import AttemptRow, AuditRow, CampaignRow, EventRow, JobRow, SearchRow, WorkerRow
 from service.store.completion import end_attempt
-from service.store.events import note_job
+from service.store.events import add_job_event
 from service.store.planning import advance
 from service.store.statistics import Counts
 from workers.messages import Ending, HeartbeatAnswer, HeldJob, Ticket
@@ -75,7 +75,7 @@ def _messages(tickets: Iterable[Ticket]) -> tuple[HeldJob, ...]:
 
 
 def reap(session: Session, now: float, lease_s: float) -> int:
-    """Take back the jobs whose leases ran out, a failure of theirs; return how many.
+    """Expire leases, each a failure of its job; return how many.
 
     A lease that ends later than any can was given before the clock was set back, and begins again.
     """
@@ -137,7 +137,7 @@ def _go_on(session: Session, jobs: Sequence[JobRow], now: float) -> None:
     campaigns = set()
     for job in jobs:
         search = session.get_one(SearchRow, job.search_id)
-        note_job(session, search, job, now)
+        add_job_event(session, search, job, now)
         campaigns.add(search.campaign_id)
     for campaign_id in sorted(campaigns):
         advance(session, session.get_one(CampaignRow, campaign_id), now)

@@ -1,4 +1,4 @@
-"""What became of a solution as a seed, and the job that found it."""
+"""Lineage of a solution, and the job that found it."""
 
 from typing import Any
 

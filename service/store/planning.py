@@ -44,7 +44,7 @@ from service.spec.search_spec import SearchSpec
 from service.store.cache import definition_of, search_spec, spec_of
 from service.store.claims import Worked
 from service.store.errors import KeyReusedError
-from service.store.events import note, note_search
+from service.store.events import add_event, add_search_event
 from service.store.filters import find_campaign
 from service.store.statistics import n_solutions, tallies
 
@@ -61,7 +61,7 @@ def candidates(
     """
     assert search.seeds is not None
     if search.seeds.solution is not None:
-        return [_named(session, campaign, search, search.seeds.solution)]
+        return [_named_seed(session, campaign, search, search.seeds.solution)]
     source = session.get_one(SearchRow, row.source_id)
     source_spec = search_spec(session.get_one(CampaignRow, source.campaign_id), source)
     query = _query(source, source_spec, search, most is not None)
@@ -90,7 +90,7 @@ def n_candidates(session: Session, row: SearchRow, search: SearchSpec) -> int:
     return n_solutions(counted.get(noun, {}), "search")
 
 
-def _named(session: Session, campaign: CampaignRow, search: SearchSpec, solution_id: str) -> Candidate:
+def _named_seed(session: Session, campaign: CampaignRow, search: SearchSpec, solution_id: str) -> Candidate:
     """Return the one solution that a search names, or raise unless it can be a seed of it."""
     about = f"search {search.id}: seeds.solution"
     row = session.get(SolutionRow, solution_id)
@@ -98,7 +98,7 @@ def _named(session: Session, campaign: CampaignRow, search: SearchSpec, solution
         raise SpecError(f"{about}: expected a solution of this archive, got {solution_id}")
     problem = problem_from(definition_of(session, row.problem_hash))
     if search.is_refinement:
-        problem = _cut_finer(problem, spec_of(campaign).problem.n_segments, about)
+        problem = _refine(problem, spec_of(campaign).problem.n_segments, about)
     if problem.family != spec_of(campaign).problem.hash:
         raise SpecError(f"{about}: expected one of the same reference problem, got that of another")
     if search.seeds and search.seeds.tolerance == "strict" and not row.strict:
@@ -111,7 +111,7 @@ def _named(session: Session, campaign: CampaignRow, search: SearchSpec, solution
     return Candidate(row.id, (0, row.id, 0), case, row.delta_v_km_s, row.time_of_flight_days)
 
 
-def _cut_finer(problem: Problem, n_segments: int, about: str) -> Problem:
+def _refine(problem: Problem, n_segments: int, about: str) -> Problem:
     try:
         return refined_problem(problem, n_segments)
     except ValueError as error:
@@ -288,7 +288,7 @@ def _begin(session: Session, spec: Spec, now: float, cases: Cases) -> int:
     add_problems(session, list(cases.problems.values()) if cases.is_small else [])
     _add_searches(session, campaign, spec, cases)
     _take_known_seeds(session, campaign, spec, now)
-    note(session, campaign.id, "campaign", now, state="active")
+    add_event(session, campaign.id, "campaign", now, state="active")
     if cases.is_small:
         advance(session, campaign, now)
     return campaign.id
@@ -441,7 +441,7 @@ def _advance_one(session: Session, campaign: CampaignRow, now: float) -> None:
             states[row.id] = row.state
     if campaign.state not in ENDED and all(states[row.id] in ENDED for row in rows):
         campaign.state, campaign.finished_at = "done", now
-        note(session, campaign.id, "campaign", now, state="done")
+        add_event(session, campaign.id, "campaign", now, state="done")
 
 
 def _advance_search(
@@ -470,7 +470,7 @@ def enter(session: Session, campaign: CampaignRow, row: SearchRow, state: str, n
         least = select(func.min(SearchRow.served_s)).join(CampaignRow).where(at_work)
         row.served_s = max(row.served_s, session.scalar(least) or 0.0)
     row.state = state
-    note_search(session, row, now)
+    add_search_event(session, row, now)
 
 
 def _chosen_seeds(

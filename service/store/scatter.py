@@ -1,6 +1,6 @@
-"""Solutions as points of a picture: so many that a page can draw them, and none that matters left out.
+"""Scatter data of solutions: downsampled, with the Pareto front kept.
 
-Clusters of the best solutions of a filter: which ones are the same flight, found again.
+Clusters of the best solutions of a filter: the same trajectory found repeatedly.
 """
 
 from collections import Counter

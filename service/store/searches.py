@@ -1,4 +1,4 @@
-"""One search: its settings and progress, quickly however many solves it has, and its hops chain by chain.
+"""One search: settings, progress, and hops chain by chain.
 
 Of many chains, whole ones are drawn evenly from all.  Step sizes of adaptive chains are not stored: they are
 reconstructed from hop outcomes, from which alone they follow.
@@ -134,7 +134,7 @@ def hops_of_search(session: Session, campaign_id: int, name: str, limit: int, af
     spec = search_spec(campaign, row)
     # Of all searches: that of one would have to be looked for among all of its solves.
     last = session.scalar(select(func.max(SolveRow.id))) or 0
-    jobs = _newer(row, after) if after else _drawn(session, row, spec, limit)
+    jobs = _newer(row, after) if after else _sampled_jobs(session, row, spec, limit)
     query = _SOLVES.where(SolveRow.job_id.in_(jobs), SolveRow.id <= last).limit(limit)
     solves = [dict(found) for found in session.execute(query).mappings()]
     seeds = _seeds(session, solves)
@@ -152,7 +152,7 @@ def _newer(row: SearchRow, after: int) -> Select[int]:
     return select(SolveRow.job_id).where(SolveRow.id > after, SolveRow.search_id + 0 == row.id)
 
 
-def _drawn(session: Session, row: SearchRow, spec: SearchSpec, limit: int) -> Select[int]:
+def _sampled_jobs(session: Session, row: SearchRow, spec: SearchSpec, limit: int) -> Select[int]:
     """Return the query of the jobs to show: all, or of so many chains or seeds as fit."""
     jobs = select(JobRow.id).where(JobRow.search_id == row.id, JobRow.state != literal_column("'queued'"))
     if row.n_solves <= limit:

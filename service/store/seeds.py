@@ -1,4 +1,4 @@
-"""Which solutions would seed a search or a problem, and with which mappings; nothing is changed.
+"""The seeds of a search or a problem with their mappings, as a preview.
 
 What was found for a problem, and for those that differ from it in one outage, is told here too.
 """
@@ -158,14 +158,14 @@ def _page(
     except ValueError as error:
         raise StoreError(f"mapping: {error}") from error
     hashes = hashes_of(spec.problems_of(search))
-    known = _planned(session, search_id, {seed.id for seed, _ in pairs})
+    known = _planned_jobs(session, search_id, {seed.id for seed, _ in pairs})
     about = _about(session, {seed.id for seed, _ in pairs})
     items = []
     for seed, job in pairs[:MOST_PAIRS]:
         job_id, job_state = known.get((seed.id, job.case, job.mapping or ""), (None, None))
         items.append(
             _of_seed(seed, *about[seed.id])
-            | {"problem_hash": hashes[job.case], "outages": _listed(search.outage_sets[job.case])}
+            | {"problem_hash": hashes[job.case], "outages": _list_seeds(search.outage_sets[job.case])}
             | {"mapping": job.mapping, "job_id": job_id, "job_state": job_state}
         )
     is_cut = len(pairs) > MOST_PAIRS
@@ -183,7 +183,7 @@ def _of_seed(seed: Candidate, problem_hash: str, is_strict: bool) -> dict[str, A
     return {
         "seed_id": seed.id,
         "seed_problem_hash": problem_hash,
-        "seed_outages": _listed(seed.outages),
+        "seed_outages": _list_seeds(seed.outages),
         "delta_v_km_s": seed.delta_v_km_s,
         "time_of_flight_days": seed.time_of_flight_days,
         "strict": is_strict,
@@ -198,7 +198,7 @@ def _pairs(
             yield seed, job
 
 
-def _planned(
+def _planned_jobs(
     session: Session, search_id: int | None, seed_ids: set[str]
 ) -> dict[tuple[str, int, str], tuple[int, str]]:
     """Return the map jobs of a search (id, state) by seed, case and mapping."""
@@ -217,7 +217,7 @@ def _planned(
     }
 
 
-def _listed(case: Sequence[tuple[int, float]]) -> list[dict[str, Any]]:
+def _list_seeds(case: Sequence[tuple[int, float]]) -> list[dict[str, Any]]:
     return [{"segment": segment, "duration_days": duration} for segment, duration in case]
 
 

@@ -173,14 +173,14 @@ def list_records(
 ) -> RecordPage:
     """Return a page of solutions."""
     ids, following = ids_of_page(session, wanted, order, begin, limit)
-    found = _found(session, _records(session, wanted).where(SolutionRow.id.in_(ids)))
+    found = _query_row(session, _records(session, wanted).where(SolutionRow.id.in_(ids)))
     records = {row.solution.id: _record(row) for row in found}
     return RecordPage(items=[records[key] for key in ids], next=following)
 
 
 def get_record(session: Session, solution_id: str) -> RecordInFull:
     """Return a solution with its vector, as it was first found."""
-    found = _found(session, _records(session, Filter()).where(SolutionRow.id == solution_id))
+    found = _query_row(session, _records(session, Filter()).where(SolutionRow.id == solution_id))
     if not found:
         raise UnknownRowError("solution", solution_id)
     certificate = latest_row(session, solution_id)
@@ -196,7 +196,7 @@ def all_records(session: Session, wanted: Filter, order: Order, limit: int | Non
     found = [
         row
         for start in range(0, len(ids), AT_ONCE)
-        for row in _found(session, query.where(SolutionRow.id.in_(ids[start : start + AT_ONCE])))
+        for row in _query_row(session, query.where(SolutionRow.id.in_(ids[start : start + AT_ONCE])))
     ]
     place = {key: i for i, key in enumerate(ids)}
     return [_with_vector(row) for row in sorted(found, key=lambda row: place[row.solution.id])]
@@ -205,7 +205,7 @@ def all_records(session: Session, wanted: Filter, order: Order, limit: int | Non
 def page_by_id(session: Session, wanted: Filter, after: str, limit: int) -> list[RecordWithVector]:
     """Return the solutions that follow an id, with their vectors; quick however many there are."""
     query = _records(session, wanted).where(SolutionRow.id > after).order_by(SolutionRow.id).limit(limit)
-    return [_with_vector(row) for row in _found(session, query)]
+    return [_with_vector(row) for row in _query_row(session, query)]
 
 
 def _with_vector(row: _Found) -> RecordWithVector:
@@ -245,7 +245,7 @@ def lineage(session: Session, solution_id: str) -> Lineage:
         links.extend(found)
         fresh = {link.seed_id for link in found} - known
         known |= fresh
-    rows = _found(session, _records(session, Filter()).where(SolutionRow.id.in_(known)))
+    rows = _query_row(session, _records(session, Filter()).where(SolutionRow.id.in_(known)))
     edges = [LineageEdge(seed_id=o.seed_id, solution_id=o.solution_id, mapping=o.mapping) for o in links]
     return Lineage(id=solution_id, nodes=sorted(map(_node, rows), key=lambda node: -node.k), edges=edges)
 
@@ -277,7 +277,7 @@ def _records(session: Session, wanted: Filter) -> Any:
     )
 
 
-def _found(session: Session, query: Any) -> list[_Found]:
+def _query_row(session: Session, query: Any) -> list[_Found]:
     return [_Found(*row) for row in session.execute(query)]
 
 
@@ -290,7 +290,7 @@ def _record(row: _Found) -> Record:
             name: provenance.content[name]
             for name in ("code_version", "package_versions", "kernel_hashes", "host")
         },
-        **_found_again(solution.verification),
+        **_verification_facts(solution.verification),
         seed_id=job.seed_id,
         mapping=job.mapping,
         campaign_id=campaign.id,
@@ -309,7 +309,7 @@ def _states(defects: tuple[float, ...]) -> list[list[float]]:
     return [list(defects[start : start + 7]) for start in range(0, len(defects), 7)]
 
 
-def _found_again(verification: dict[str, Any]) -> dict[str, Any]:
+def _verification_facts(verification: dict[str, Any]) -> dict[str, Any]:
     """Return what the verifier says besides its level; earlier versions and imports may say nothing."""
     lowest, is_marginal = verification.get("lowest_km"), verification.get("is_marginal")
     altitudes = lowest if isinstance(lowest, dict) else {}

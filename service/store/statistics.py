@@ -169,7 +169,7 @@ def job_states(session: Session, wanted: ColumnElement[bool]) -> dict[int, dict[
     return dict(found)
 
 
-def summed(counts: Iterable[dict[str, int]]) -> dict[str, int]:
+def sum_counts(counts: Iterable[dict[str, int]]) -> dict[str, int]:
     """Return the sum of several counts by name."""
     total: Counter[str] = Counter()
     for one in counts:
@@ -294,7 +294,7 @@ class OperatorMetrics:
         with self._database.read() as session:
             now = self._clock()
             n_workers, n_slots = _workers(session, now, self._lease_s)
-            jobs = summed(job_states(session, true()).values())
+            jobs = sum_counts(job_states(session, true()).values())
             attempts, solves = totals(session, "attempt"), totals(session, "solve")
             return Reading(
                 jobs=jobs,

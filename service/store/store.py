@@ -1,4 +1,4 @@
-"""The archive behind one narrow interface; every call is one transaction."""
+"""The interface of an archive; every call is one transaction."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -152,7 +152,7 @@ class Store(Archive):
         lease_s = self.leases.lease_s
 
         def work(session: Session) -> list[Claim]:
-            name = _registered(session, worker, self._now(session))
+            name = _register(session, worker, self._now(session))
             return claims.claim(session, name, n_jobs, campaign, self._now(session), lease_s, by)
 
         return self._database.write(work)
@@ -164,7 +164,7 @@ class Store(Archive):
         lease_s = self.leases.lease_s
 
         def work(session: Session) -> HeartbeatAnswer:
-            name = _registered(session, worker, self._now(session))
+            name = _register(session, worker, self._now(session))
             return leases.heartbeat(session, name, held, self._now(session), lease_s, by)
 
         return self._database.write(work)
@@ -179,13 +179,13 @@ class Store(Archive):
         return self._database.write(lambda session: completion.hand_in(session, request, self._clock(), by))
 
     def complete(self, ticket: Ticket, outcome: JobOutcome, by: str | None = None) -> CompleteAnswer:
-        """Take back an outcome; a stale one raises and changes nothing, a repeated one gets its answer."""
+        """Record an outcome; a stale one raises and changes nothing, a repeated one gets the same answer."""
         return self.complete_many([CompleteRequest(**ticket._asdict(), outcome=outcome)], by)[0]
 
     def complete_many(
         self, reports: Sequence[CompleteRequest], by: str | None = None
     ) -> list[CompleteAnswer]:
-        """Take back outcomes in one transaction; a stale one among them raises, and none is stored."""
+        """Record outcomes in one transaction; a stale one among them raises, and none is stored."""
         return self._database.write(
             lambda session: completion.complete(session, reports, self._now(session), by)
         )
@@ -198,7 +198,7 @@ class Store(Archive):
         return now
 
     def reap(self, now: float | None = None) -> int:
-        """Take back the jobs whose leases had run out at a time; return how many."""
+        """Expire leases; return how many jobs were requeued."""
         lease_s = self.leases.lease_s
         return self._database.write(
             lambda session: leases.reap(session, self._now(session) if now is None else now, lease_s)
@@ -210,16 +210,18 @@ class Store(Archive):
         return self._database.write(lambda session: leases.renew(session, self._now(session), lease_s))
 
     def prune(self) -> int:
-        """Forget the oldest of the audit and of the events, some at a time; return how many rows."""
+        """Prune the audit log and the events, some at a time; return how many rows."""
         return self._database.write(lambda session: leases.prune(session, self._now(session)))
 
     def recover(self, workers: str = "") -> int:
         """Put back the jobs of workers that are gone, by the beginning of their names; return how many."""
         return self._database.write(lambda session: leases.recover(session, workers, self._now(session)))
 
-    def revive(self, campaign_id: int) -> int:
-        """Put back the jobs of a campaign that were given up; return how many."""
-        return self._database.write(lambda session: control.revive(session, campaign_id, self._now(session)))
+    def requeue_dead_jobs(self, campaign_id: int) -> int:
+        """Requeue the dead jobs of a campaign; return how many."""
+        return self._database.write(
+            lambda session: control.requeue_dead_jobs(session, campaign_id, self._now(session))
+        )
 
     def control_campaign(self, campaign_id: int, verb: Verb) -> None:
         """Pause, resume or cancel a campaign."""
@@ -240,7 +242,7 @@ class Store(Archive):
     def set_search(
         self, campaign_id: int, search: str, *, weight: float | None = None, priority: int | None = None
     ) -> None:
-        """Change how large a part of the workers a search gets, or when it gets it."""
+        """Set weight or priority of a search."""
         self._database.write(
             lambda session: control.set_search(session, campaign_id, search, weight, priority)
         )
@@ -250,7 +252,7 @@ class Store(Archive):
         self._database.write(lambda session: control.cancel_job(session, job_id, self._now(session)))
 
     def requeue_job(self, job_id: int) -> None:
-        """Give a dead or cancelled job another attempt."""
+        """Requeue a dead or cancelled job."""
         self._database.write(lambda session: control.requeue_job(session, job_id, self._now(session)))
 
     def import_campaigns(self, read: ReadFile) -> ImportResult:
@@ -279,7 +281,7 @@ class Store(Archive):
         )
 
     def campaign_history(self, campaign_id: int) -> HistoryView:
-        """Return how a campaign came to what it has found."""
+        """Return the history of a campaign."""
         return self._histories.ask(
             lambda session, known: campaign_history.campaign_history(session, known, campaign_id)
         )
@@ -414,7 +416,7 @@ class Store(Archive):
         return Identities(self._database, self._clock)
 
 
-def _registered(session: Session, worker: WorkerInfo | str, now: float) -> str:
+def _register(session: Session, worker: WorkerInfo | str, now: float) -> str:
     """Store what a worker says about itself, where it does, in the transaction of what it asks for."""
     if isinstance(worker, str):
         return worker

@@ -10,7 +10,7 @@ import pytest
 
 from service import logs
 from service.schemas.identity import Role
-from service.store.identity import new_secret, taken_apart
+from service.store.identity import new_secret, split_token
 from workers import logs as log_lines
 from workers.dispatch import DispatchOrder
 
@@ -57,7 +57,7 @@ def test_a_dispatcher_writes_such_lines_too_with_its_name_and_without_its_token(
     _, rest = child.communicate("stop\n", timeout=60)
     line = json.loads(first)
     assert line["worker"].startswith("local:") and "expected one at http://127.0.0.1:9" in line["message"]
-    assert child.returncode == 0 and taken_apart(token).secret not in first + rest
+    assert child.returncode == 0 and split_token(token).secret not in first + rest
     assert all(json.loads(line)["worker"] for line in rest.splitlines())
 
 

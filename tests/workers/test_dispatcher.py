@@ -25,8 +25,8 @@ from workers.messages import (
     sealed,
     wall_limit_s,
 )
-from workers.patience import Backoff
 from workers.process_pool import ProcessPool
+from workers.retry import Backoff
 
 INFO = worker_info()
 

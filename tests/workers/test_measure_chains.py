@@ -27,9 +27,9 @@ from workers.measure_solves import (
     Case,
     Measurement,
     Solution,
-    grouped_cases,
+    group_cases,
     in_order,
-    parsed_cases,
+    parse_cases,
 )
 from workers.messages import Ending, JobOutcome, MapJob
 from workers.run import run_job
@@ -38,7 +38,7 @@ SEEDS = tuple(
     Solution(number, PROBLEM, tuple(x), 13276.044404730972 - x[-1], False)
     for number, x in zip((4, 9), VECTORS["S(0)"], strict=True)
 )
-CASES = tuple(parsed_cases("S(3|2)@4-12-20,S(2|0)@4-12,S(1|0)@24,S(2|0)@12-20"))
+CASES = tuple(parse_cases("S(3|2)@4-12-20,S(2|0)@4-12,S(1|0)@24,S(2|0)@12-20"))
 PLAN = ChainPlan(SEEDS, CASES, ("continued", "reference"), limits=SolveSettings(60.0, 2))
 
 
@@ -72,16 +72,16 @@ def test_the_groups_are_the_cases_of_the_paper():
 def test_cases_with_seeds_from_others_bring_them_along():
     for target in (case for case in GROUPS["s3from2"] if case.k_from == 2):
         assert any(target.is_fed_by(case) for case in GROUPS["s3from2"])
-    kept = in_order(grouped_cases("s3from2,s2"))
+    kept = in_order(group_cases("s3from2,s2"))
     assert len(kept) == len(set(kept)) == 12
     assert [case.k_from for case in kept] == sorted(case.k_from for case in kept)
 
 
 def test_a_case_is_read_as_it_is_written():
     for name in ("S(1|0)@24", "S(3|0)@12-24-40", "S(3|2)@4-24-48"):
-        (case,) = parsed_cases(name)
+        (case,) = parse_cases(name)
         assert case.name == name
-    assert parsed_cases("S(3|2)@48-4-24 , S(1|0)@8") == [Case(2, (4, 24, 48)), Case(0, (8,))]
+    assert parse_cases("S(3|2)@48-4-24 , S(1|0)@8") == [Case(2, (4, 24, 48)), Case(0, (8,))]
 
 
 @pytest.mark.parametrize(
@@ -95,7 +95,7 @@ def test_a_case_is_read_as_it_is_written():
 )
 def test_a_case_that_cannot_be_is_named(text, message):
     with pytest.raises(ValueError, match=message):
-        parsed_cases(text)
+        parse_cases(text)
 
 
 @pytest.mark.parametrize(
@@ -116,7 +116,7 @@ def test_a_plan_that_cannot_be_run_is_refused(changes, message):
 
 def test_a_group_that_is_not_there_is_named():
     with pytest.raises(ValueError, match=r"group: expected one of s1, s2, .*, got 's7'"):
-        grouped_cases("s1,s7")
+        group_cases("s1,s7")
 
 
 def test_every_seed_meets_every_case_and_mapping_and_the_seeds_take_turns(solved):

@@ -17,7 +17,7 @@ from workers.measure_solves import (
     Solution,
     distance,
     distinct,
-    found_seeds,
+    load_seeds,
     measured,
     read_solutions,
     solution_of,
@@ -166,15 +166,15 @@ def test_seeds_are_the_first_in_the_order_of_their_guesses_whoever_finishes_firs
             return super().finished(timeout)
 
     plan = replace(BRIEF, n_guesses=40)
-    seeds = found_seeds(Inline(run_fake), plan, 5)
-    assert len(seeds) == 5 and seeds == found_seeds(Backwards(run_fake), plan, 5)
+    seeds = load_seeds(Inline(run_fake), plan, 5)
+    assert len(seeds) == 5 and seeds == load_seeds(Backwards(run_fake), plan, 5)
     numbers = [one.number for one in solve_guesses(Inline(run_fake), plan) if one.x is not None]
     assert [seed.number for seed in seeds] == numbers[:5]
 
 
 def test_too_few_seeds_are_an_error_that_counts_them():
     with pytest.raises(ValueError, match=r"seeds: expected 9 distinct solutions, got \d of 4 guesses"):
-        found_seeds(Inline(run_fake), replace(BRIEF, n_guesses=4), 9)
+        load_seeds(Inline(run_fake), replace(BRIEF, n_guesses=4), 9)
 
 
 def test_a_solution_keeps_the_number_of_its_guess():

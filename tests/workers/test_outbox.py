@@ -23,7 +23,7 @@ from workers.messages import (
     sealed,
 )
 from workers.outbox import Outbox
-from workers.patience import Backoff
+from workers.retry import Backoff
 
 #: More often than a report is tried before it counts as the report's fault.
 MANY = 5 * MOST_FAULTS

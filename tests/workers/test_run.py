@@ -12,7 +12,7 @@ from tests.service.clock import Clock
 from tests.workers.jobs import hop_job
 from workers import run
 from workers.messages import Address, Ending, JobSettings, MapJob
-from workers.patience import Awake
+from workers.retry import Awake
 
 GOOD, WEAK, BAD = 1e-3, 0.5, 1e4  # position defects [km]: strict, paper, neither
 

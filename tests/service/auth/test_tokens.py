@@ -16,9 +16,9 @@ from service.store.identity import (
     SESSION_S,
     RefusedTokenError,
     TakenNameError,
-    hashed,
+    hash_secret,
     new_secret,
-    taken_apart,
+    split_token,
 )
 from service.store.store import Store
 from tests.api_examples import example_of
@@ -173,10 +173,10 @@ def test_a_secret_is_shown_once_and_only_its_hash_is_stored(client, store, token
         "name": "ada", "role": "submitter"
     }  # fmt: skip
     listed = client.get(f"{API}/tokens", headers=bearer(token("admin"))).text
-    secret = taken_apart(written).secret
+    secret = split_token(written).secret
     assert secret not in listed and "secret_hash" not in listed
     stored = str(rows(store, "SELECT * FROM token") + rows(store, "SELECT * FROM audit"))
-    assert secret not in stored and hashed(secret) in stored
+    assert secret not in stored and hash_secret(secret) in stored
 
 
 def test_two_secrets_are_never_the_same_and_have_256_bits():
@@ -387,7 +387,7 @@ def test_no_secret_reaches_the_log(client, store, token, caplog, monkeypatch):
     monkeypatch.setattr(store, "begin_campaign", None)
     client.post(f"{API}/campaigns", json=spec_fields(), headers=bearer(secret))
     sessions = [cookie.value for cookie in client.cookies.jar]
-    assert sessions and not any(taken_apart(s).secret in caplog.text for s in (secret, *sessions))
+    assert sessions and not any(split_token(s).secret in caplog.text for s in (secret, *sessions))
 
 
 def test_refusals_of_the_store_are_errors_of_the_store():

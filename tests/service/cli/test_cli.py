@@ -291,7 +291,7 @@ def test_serve_without_workers_leaves_the_work_to_dispatchers_elsewhere(coastarc
     def interrupt(_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Coordinator, "work", lambda _, crew: begun.append(crew.n_workers))
+    monkeypatch.setattr(Coordinator, "work", lambda _, setup: begun.append(setup.n_workers))
     monkeypatch.setattr(Coordinator, "raise_fault", interrupt)
     assert coastarc("serve", "--port", 0, "--workers", workers)[0] == 0
     assert begun == [1] * workers

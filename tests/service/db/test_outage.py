@@ -135,7 +135,7 @@ def test_every_route_says_that_the_archive_is_away_and_the_service_is_alive(stor
         away.go_on()
         assert client.get("/api/v1/campaigns").status_code == 200
         assert client.post("/api/v1/campaigns/2/priority", json={"priority": 1}).status_code == 200
-    told = [record.getMessage() for record in caplog.records if record.name == "workers.patience"]
+    told = [record.getMessage() for record in caplog.records if record.name == "workers.retry"]
     # However many asked: when it began, and when it was over.
     assert len(told) == 2 and "start PostgreSQL" in told[0] and "archive: works again" in told[1]
 
@@ -171,7 +171,7 @@ def test_a_coordinator_waits_for_a_server_that_is_not_there_yet(url, tmp_path, a
     threading.Timer(1.0, away.go_on).start()
     with Coordinator(tmp_path) as running:
         assert running.store.campaigns() == []
-    told = [record.getMessage() for record in caplog.records if record.name == "workers.patience"]
+    told = [record.getMessage() for record in caplog.records if record.name == "workers.retry"]
     assert len(told) == 1 and "it is asked again every" in told[0]
 
 

@@ -46,8 +46,8 @@ class FailingWrites:
     def claim(self, request):
         return self._ask("claim", request, time.monotonic())
 
-    def complete(self, request):
-        return self._ask("complete", request, (request.job_id, request.attempt))
+    def complete(self, report):
+        return self._ask("complete", report, report.ticket)
 
     def heartbeat(self, request):
         return self._source.heartbeat(request)

@@ -247,10 +247,10 @@ def test_one_solution_in_two_campaigns_is_stored_once_and_listed_in_both(store):
     assert len(content(store)) == store.campaign(1).n_solutions == store.campaign(2).n_solutions
 
 
-def test_nothing_is_revived_where_nothing_died(store):
+def test_nothing_is_requeued_where_nothing_died(store):
     campaign_id = submitted(store)
     finish(store)
-    assert store.revive(campaign_id) == 0 and store.campaign(campaign_id).state == "done"
+    assert store.requeue_dead_jobs(campaign_id) == 0 and store.campaign(campaign_id).state == "done"
 
 
 def test_ordered_seeds_are_chosen_once(store, monkeypatch):

@@ -1,4 +1,4 @@
-"""Waiting for what cannot be used: pauses between tries, stopped processes noticed, and outages logged."""
+"""Retrying what is unavailable: backoff, a clock that ignores pauses of the process, log of the downtime."""
 
 import logging
 import random
@@ -13,7 +13,7 @@ LONGEST_GAP_S = 10.0
 
 
 class Awake:
-    """Seconds in which this process could work, for whoever asks often: a pause of it counts for little.
+    """A clock that counts the seconds in which this process could run; it has to be read often.
 
     Batch systems stop processes, virtual machines and laptops stand still; the monotonic clock goes on in
     some of these, and what is limited in time would be over when it is woken up.
@@ -33,7 +33,7 @@ class Awake:
 
 
 class Backoff:
-    """Waits that double with every failure in a row, each cut at random so that many do not come at once."""
+    """Exponential backoff with jitter."""
 
     def __init__(
         self, first_s: float = 0.2, longest_s: float = 5.0, clock: Callable[[], float] = time.monotonic
@@ -49,7 +49,7 @@ class Backoff:
         return self._clock() >= self._due
 
     def failed(self, at_least_s: float = 0.0) -> float:
-        """Begin to wait, and return how long [s]."""
+        """Count a failure, and return the wait [s]."""
         wait_s = min(self._first_s * 2.0 ** min(self._n_failures, 30), self._longest_s)
         self._n_failures += 1
         # No result depends on it, so it may draw from the common generator.
@@ -58,7 +58,7 @@ class Backoff:
         return wait_s
 
     def succeeded(self) -> None:
-        """Begin anew."""
+        """Reset."""
         self._n_failures, self._due = 0, 0.0
 
 
@@ -66,8 +66,8 @@ class Backoff:
 PERIOD_S = 60.0
 
 
-class Outage:
-    """What is said of the faults of one thing, which may come a thousand times a minute; any thread may."""
+class Downtime:
+    """Logs the downtime of one thing, at most once a minute; thread-safe."""
 
     def __init__(self, thing: str, clock: Callable[[], float] = time.monotonic) -> None:
         self._thing = thing
@@ -78,7 +78,7 @@ class Outage:
         self._n_faults = 0
 
     def tell(self, fault: object) -> None:
-        """Say what is wrong, unless something was said within the last minute."""
+        """Log a fault, unless one was logged within the last minute."""
         with self._lock:
             now = self._clock()
             if self._began is None:
@@ -90,7 +90,7 @@ class Outage:
         log.error("%s", fault)
 
     def end(self) -> None:
-        """Say that it works again, if it was said that it does not."""
+        """Log that it works again, if a fault was logged."""
         if self._began is None:
             return
         with self._lock:
