@@ -235,7 +235,7 @@ class SolveRecord(Message):
     wall_seconds: Seconds
     #: What the chain did with it; None for a map job.
     move: Literal["accepted", "rejected", "restarted"] | None = None
-    #: Only when the verifier found it feasible at the paper's tolerance or better.
+    #: Only when the verifier found it feasible at the loose tolerance or better.
     x: tuple[float, ...] | None = None
     trajectory: Trajectory | None = None
     certificate: VerificationRecord | None = None

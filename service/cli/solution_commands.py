@@ -233,34 +233,38 @@ def _show_comparison(comparison: Comparison) -> None:
     console.print(rows)
 
 
+SolutionIds = Annotated[list[str] | None, typer.Argument(help="Ids of solutions, or their beginnings.")]
+OfCampaign = Annotated[str | None, typer.Option(help="All of this campaign, by its id or name.")]
+OfArchive = Annotated[bool, typer.Option("--all", metavar="", help="All of the archive.")]
+MinAltitude = Annotated[
+    float | None,
+    typer.Option(
+        show_default="200 over the Earth, 100 over the Moon",
+        help="Passages of Earth or Moon below so many km are marked.",
+    ),
+]
+Stale = Annotated[
+    bool,
+    typer.Option(
+        "--stale",
+        metavar="",
+        help="Skip those found sound with this code, these packages, this altitude.",
+    ),
+]
+WithHeyoka = Annotated[
+    bool,
+    typer.Option("--with-heyoka", metavar="", help="Propagate end to end by heyoka's Taylor series, too."),
+]
+
+
 def verify_command(
-    solution: Annotated[
-        list[str] | None, typer.Argument(help="Ids of solutions, or their beginnings.")
-    ] = None,
-    campaign: Annotated[str | None, typer.Option(help="All of this campaign, by its id or name.")] = None,
-    is_all: Annotated[bool, typer.Option("--all", metavar="", help="All of the archive.")] = False,
+    solution: SolutionIds = None,
+    campaign: OfCampaign = None,
+    is_all: OfArchive = False,
     data: Data = DATA,
-    min_altitude_km: Annotated[
-        float | None,
-        typer.Option(
-            show_default="200 over the Earth, 100 over the Moon",
-            help="Passages of Earth or Moon below so many km are marked.",
-        ),
-    ] = None,
-    is_stale: Annotated[
-        bool,
-        typer.Option(
-            "--stale",
-            metavar="",
-            help="Skip those found sound with this code, these packages, this altitude.",
-        ),
-    ] = False,
-    with_heyoka: Annotated[
-        bool,
-        typer.Option(
-            "--with-heyoka", metavar="", help="Propagate end to end by heyoka's Taylor series, too."
-        ),
-    ] = False,
+    min_altitude_km: MinAltitude = None,
+    is_stale: Stale = False,
+    with_heyoka: WithHeyoka = False,
     workers: Workers = WORKERS,
     as_json: Json = False,
 ) -> None:

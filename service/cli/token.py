@@ -19,7 +19,7 @@ from core.errors import UserError, fault_lines
 from service.cli import terminal
 from service.cli.options import DATA, Data, Json, console, print_json
 from service.coordinator.lock import FolderLock, LockError
-from service.db.errors import unusable
+from service.db.engine import make_folder
 from service.schemas.identity import NewToken, Role, TokenPage, TokenRequest, TokenView
 from service.settings import Settings
 from service.store.store import Store
@@ -104,20 +104,13 @@ def revoke(
 
 @contextmanager
 def _archive(data: Path) -> Iterator[Store]:
+    make_folder(data)
     try:
-        data.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise unusable(data, str(error.strerror)) from error
-    try:
-        lock = FolderLock(data).__enter__()
+        with FolderLock(data), Store(data) as store:
+            yield store
     except LockError as error:
         advice = "or ask that coordinator with --url and an administrator's token in COASTARC_TOKEN"
         raise TokenError(f"{error}, {advice}") from None
-    try:
-        with Store(data) as store:
-            yield store
-    finally:
-        lock.__exit__()
 
 
 def _request(name: str, role: Role, days: float) -> TokenRequest:

@@ -42,7 +42,7 @@ class CampaignView(CampaignItem):
 class Outcomes(Answer):
     """Solves by how they ended, each counted once."""
 
-    #: Feasible at the strict tolerance, and at the paper's alone.
+    #: Feasible at the strict tolerance, and at the loose one alone.
     strict: int = 0
     paper: int = 0
     infeasible: int = 0

@@ -52,7 +52,7 @@ class SearchView(Answer):
     #: Solves planned so far; None while a budget in core seconds or solutions is open.
     n_guesses_planned: int | None
     n_solves: int
-    #: Solves that the verifier found feasible at the paper's and at the strict tolerance.
+    #: Solves that the verifier found feasible at the loose and at the strict tolerance.
     n_paper: int
     n_strict: int
     #: Strict solves over all solves.
