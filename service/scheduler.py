@@ -271,5 +271,5 @@ class LeaseSettings:
 
 def backoff_s(n_failures: int) -> float:
     """Return how long a job waits after so many failures [s]."""
-    # Bounded before the power, which would overflow for a job that somebody requeues for ever.
+    # Bounded before the power, which would overflow for a job that is requeued for ever.
     return min(BACKOFF_S * 2.0 ** min(n_failures - 1, 30), LONGEST_BACKOFF_S) if n_failures else 0.0

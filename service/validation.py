@@ -51,7 +51,7 @@ def solution_hash(problem_hash: str, x: Any) -> str:
 
 #: Figures are worked out again; other machines round otherwise, and epochs are kept to a millisecond.
 RELATIVE, EPOCH_S = 1e-9, 2e-3
-#: Whoever is past its wall limit is killed, which takes a moment: how far its processor time may be past it.
+#: A job past its wall limit is killed, which takes a moment: how far its processor time may exceed it.
 CPU_MARGIN = 1.05
 #: A seed may be solved in several steps, each with the iterations of a solve: many more than there are.
 ITERATION_MARGIN = 20

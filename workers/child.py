@@ -42,7 +42,7 @@ class Inbox:
                 self._cancelled.add(Ticket(*order["cancel"]))
             else:
                 self.claims.put(Claim.model_validate(order["run"]))
-        # The parent is gone: whatever runs has nobody left to tell.
+        # The parent is gone: nothing can be reported any more.
         os._exit(0)
 
 

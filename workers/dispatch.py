@@ -39,7 +39,7 @@ from workers.process_tree import Usage, kill_descendants
 from workers.provenance import code_version
 
 RUNNER = "workers.run:run_job"
-#: Exit codes: somebody has to mend something; a new dispatcher will do.
+#: Exit codes: an operator has to act; a new dispatcher is enough.
 CANNOT_WORK, EXECUTOR_LOST = 2, 3
 #: What a child and its coordinator say about tokens.
 TOKEN_WANTED, NEW_TOKEN = "token wanted", "token "
@@ -49,7 +49,7 @@ TOKEN_PERIOD_S = 5.0
 FAULTS = (ApiError, RefusedError, ExecutorError)
 #: How soon a start is broken off [s].
 STOP_PERIOD_S = 0.2
-#: How long a child whose parent is gone may take to stop in peace [s].
+#: How long an orphaned child may take to stop gracefully [s].
 ORPHAN_S = 4.0
 
 
@@ -200,7 +200,7 @@ def _listen(orders: FileIO, stop: threading.Event, tokens: TokenLine) -> None:
     while (line := orders.readline().decode()).startswith(NEW_TOKEN):
         tokens.take(line.removeprefix(NEW_TOKEN).strip())
     if not line:
-        # Whatever does not end in peace ends all the same.
+        # After that it is killed.
         timer = threading.Timer(ORPHAN_S, _end_at_once, (CANNOT_WORK,))
         timer.daemon = True
         timer.start()

@@ -167,7 +167,7 @@ class Dispatcher:
                 self._disown(job.ticket)
 
     def _disown(self, ticket: Ticket) -> None:
-        # What has ended is offered all the same: while nobody else has begun, the source takes it.
+        # A finished outcome is still reported: unless the job was claimed again, the source takes it.
         if ticket in self._running:
             self._disowned.add(ticket)
             self._executor.cancel(ticket, force=True)

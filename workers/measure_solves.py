@@ -343,7 +343,7 @@ def _job(plan: GuessPlan, number: int) -> HopJob:
     return guess_job(plan.problem, number, plan.rng_seed, plan.law, plan.limits)
 
 
-#: What a distribution is told by.
+#: The statistics that describe a distribution.
 QUANTILES = {"min": 0.0, "q1": 0.25, "median": 0.5, "q3": 0.75, "max": 1.0}
 
 

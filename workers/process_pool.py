@@ -100,7 +100,7 @@ class _Child:
     def _read(self) -> None:
         assert self.process.stdout is not None
         for line in self.process.stdout:
-            # Whoever is killed while it writes leaves half a line.
+            # A process killed while it writes leaves half a line.
             if line.endswith("\n"):
                 self._replies.put((self, line))
         self._replies.put((self, None))

@@ -38,7 +38,7 @@ def kill_descendants() -> None:
     kill(psutil.Process().children(recursive=True))
 
 
-#: Claims may come many times a second; whoever looks wants a mean over some seconds [s].
+#: Claims may come many times a second; usage is a mean over some seconds [s].
 KEPT_S = 3.0
 
 

@@ -81,7 +81,7 @@ class RayCluster:
     ) -> None:
         self.is_own = address == "local"
         self.ray: Any = None
-        #: Whether there is nobody left to take leave of.
+        #: Whether the cluster is gone, so that there is nothing to leave.
         self.is_lost = False
         self._scratch: RayFolder | None = None
         try:
@@ -166,7 +166,7 @@ class RayCluster:
         if not host or "/" in address or not port.isdigit():
             raise ExecutorError(f"ray address: expected local or host:port, got {address}")
         try:
-            # Ray would end this whole process when nobody answers.
+            # Ray would end this whole process when the cluster does not answer.
             socket.create_connection((host.strip("[]"), int(port)), CONNECT_S).close()
         except OSError as error:
             raise ExecutorError(

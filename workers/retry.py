@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 log = logging.getLogger(__name__)
 
-#: Whoever looks at the clock again and again, and finds more than this gone, was stopped meanwhile [s].
+#: A longer gap between two readings means that the process was stopped [s].
 LONGEST_GAP_S = 10.0
 
 

@@ -133,7 +133,7 @@ class Turns:
         self._turns.release()
 
 
-#: Requests of nobody that are written down: enough to see an attack, too few to fill a disk.
+#: Anonymous requests that are audited: enough to see an attack, too few to fill a disk.
 NOBODYS_AUDIT_PER_S, NOBODYS_AUDIT_BURST = 0.1, 100
 #: Requests of people that run at once, so that most of the threads, of which there are forty, and of the
 #: processor stay for workers.
@@ -238,7 +238,7 @@ class Guard:
             except RefusedTokenError as error:
                 reason = str(error)
             except UnavailableError as error:
-                # Nobody knows now whether this is somebody.
+                # Whether the token is valid is unknown now.
                 self._store.downtime.tell(error)
                 return unavailable(error)
         if wait := self._wait(visit):
@@ -350,7 +350,7 @@ class _Outward:
                 headers.setdefault(name, value)
             if self._visit.is_unsafe:
                 await run_in_threadpool(self._guard.audit, self._visit, message["status"])
-            # All is known now: who reads the answer slowly keeps nobody waiting.
+            # The response is complete: a slow reader must not hold a turn.
             self.end_turn()
         await self._send(message)
 

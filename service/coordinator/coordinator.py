@@ -279,7 +279,7 @@ class Coordinator:
             try:
                 return Store(self._folder, leases=self._leases)
             except WriteError:
-                # Of a disk without room the user hears at once.
+                # A full disk is reported to the user at once.
                 raise
             except UnavailableError as error:
                 downtime.tell(CoordinatorError(f"{error}; it is asked again every {DATABASE_PERIOD_S:g} s"))

@@ -51,7 +51,7 @@ class Reaper:
             self._store.downtime.tell(error)
             return 0
         except Exception:
-            # Whatever it is, nobody would take jobs back any more if it ended this thread.
+            # If it ended this thread, no lease would ever expire.
             self._has_failed = True
             log.exception("reaping failed")
             return 0

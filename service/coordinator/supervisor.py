@@ -192,7 +192,7 @@ def _reap_child(child: subprocess.Popen[str], is_alive: bool = False) -> int:
     if not is_alive:
         os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOWAIT)
     try:
-        # Not reaped yet, it still has its number, which so is nobody else's.
+        # Not reaped yet, so its process id is not reused.
         os.killpg(child.pid, signal.SIGKILL)
     except OSError:
         pass  # Nothing is left.

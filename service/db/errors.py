@@ -124,7 +124,7 @@ def _known_of_postgres(error: DBAPIError) -> tuple[str, str] | None:
     if not hasattr(cause, "sqlstate"):
         return None
     state = cause.sqlstate
-    # Whoever is refused a connection, for whatever reason, gets an error without a state.
+    # A refused connection is an error without an SQLSTATE.
     is_unconnected = state is None and isinstance(error, OperationalError | InterfaceError)
     if error.connection_invalidated or is_unconnected:
         return POSTGRES_FAULTS[""]

@@ -15,9 +15,9 @@ from service.db.errors import DatabaseError
 WRITER_LOCK = 0x636F617374617263
 #: How long a write waits for that of another process [ms].
 LOCK_TIMEOUT_MS = 30_000
-#: How long a server may take to let somebody in [s]; a machine that is gone says nothing at all.
+#: Time limit of a connection attempt [s]; a machine that is gone does not answer at all.
 CONNECT_TIMEOUT_S = 10
-#: What a server says that lets nobody in for now: it starts, stops, recovers, or is full.
+#: Errors of a server that is starting, stopping, recovering or full.
 PASSING = ("starting up", "shutting down", "recovery", "not yet accepting", "too many", "connection slots")
 
 

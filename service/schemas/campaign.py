@@ -33,7 +33,7 @@ class CampaignView(CampaignItem):
     problem: dict[str, Any]
     searches: list[SearchView]
     rate_per_min: float
-    #: None while it cannot be told.
+    #: None while it is unknown.
     eta_seconds: float | None
     elapsed_seconds: float
     cpu_seconds: float
@@ -60,7 +60,7 @@ class CampaignCard(CampaignItem):
     #: The strategies of its searches, in their order, each once.
     strategies: list[str]
     rate_per_min: float
-    #: None while it cannot be told.
+    #: None while it is unknown.
     eta_seconds: float | None
     elapsed_seconds: float
     cpu_seconds: float

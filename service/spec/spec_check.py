@@ -67,7 +67,7 @@ class Checked(NamedTuple):
 
 def check_text(text: str) -> Checked:
     """Read a specification from TOML, or from JSON if it begins like it."""
-    # Whoever pastes a file of Windows pastes its byte order mark.
+    # A file pasted from Windows brings its byte order mark.
     text = text.removeprefix("\ufeff")
     is_json = text.lstrip().startswith("{")
     try:

@@ -207,7 +207,7 @@ def _takers(session: Session, work: Worked) -> Sequence[tuple[SearchRow, Campaig
 
 #: Endings that say nothing about the job itself: it may run again.
 FAILURES = (Ending.CRASH, Ending.LOST)
-#: Endings of attempts whose own result may come yet: nobody heard of it, or its report was refused.
+#: Endings of attempts whose own result may still arrive: it was lost, or its report was rejected.
 UNHEARD = (Ending.LOST, Ending.ERROR)
 
 

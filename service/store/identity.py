@@ -46,7 +46,7 @@ class Identity:
     is_cookie: bool = False
 
 
-#: Whoever sits at this machine, where no sign-in is required.
+#: The user of this machine, where no sign-in is required.
 OWNER = Identity("loopback", Role.ADMIN)
 
 
@@ -196,7 +196,7 @@ class Identities:
             try:
                 self._database.write(lambda session: session.execute(used))
             except (SQLAlchemyError, DatabaseError) as error:
-                # Whoever may read goes on reading while the disk is full.
+                # Reading goes on while the disk is full.
                 log.warning("use of token %s not written: %s", row.id, error.__class__.__name__)
 
 

@@ -146,7 +146,7 @@ def _go_on(session: Session, jobs: Sequence[JobRow], now: float) -> None:
 DAY_S = 86400.0
 #: So much of the audit stays: a busy client needs hours to write over what it did, and a year is for people.
 AUDIT_ROWS, AUDIT_S = 1_000_000, 400 * DAY_S
-#: Events for whoever comes back: 80 MB, and a quarter of an hour even at 400 outcomes a second.
+#: Events kept for clients that reconnect: 80 MB, a quarter of an hour at 400 outcomes a second.
 EVENT_ROWS = 500_000
 #: Rows that go at once, since other writes wait meanwhile.
 STEP = 2_000
