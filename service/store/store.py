@@ -73,7 +73,11 @@ TURN_S = 0.005
 
 
 class Store(Archive):
-    """Campaigns, jobs and solutions in one data folder: all that may be asked of them and done to them."""
+    """Campaigns, jobs and solutions in one data folder: all that may be asked of them and done to them.
+
+    What campaigns, searches, jobs and solutions are asked and told is a method.  A subject of its own, with a
+    class of its own, is an attribute: `certificates`, `gauges`, `activity` and `identities`.
+    """
 
     def __init__(
         self,
@@ -88,6 +92,8 @@ class Store(Archive):
         self.gauges = OperatorMetrics(self._database, self._about_now, leases.lease_s)
         #: Searches hop by hop, attempts and the queue.
         self.activity = Activity(self._database, self._about_now, leases)
+        #: Who may use the archive, and who did what.
+        self.identities = Identities(self._database, self._clock)
         self._histories = HistoryCache(self._database)
 
     # What changes the archive.
@@ -409,11 +415,6 @@ class Store(Archive):
     def check(self) -> None:
         """Raise unless the archive takes a write and is of this version."""
         self._database.write(require_writable)
-
-    @property
-    def identities(self) -> Identities:
-        """Return who may use the archive, and who did what."""
-        return Identities(self._database, self._clock)
 
 
 def _register(session: Session, worker: WorkerInfo | str, now: float) -> str:
