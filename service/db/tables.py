@@ -9,7 +9,7 @@ import json
 import struct
 from collections.abc import Collection
 from dataclasses import fields
-from typing import Any
+from typing import Any, get_args
 
 from pydantic import BaseModel
 from sqlalchemy import (
@@ -31,8 +31,11 @@ from sqlalchemy import (
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 from sqlalchemy.types import TypeDecorator, TypeEngine
 
-from service.db.transitions import TRANSITIONS, guard_transitions
+from service.db.transitions import guard_transitions
+from service.schemas.answer import CampaignState
 from service.schemas.identity import Role
+from service.schemas.job import JobState
+from service.schemas.search import SearchState
 from workers.messages import Ending
 
 #: Eight bytes everywhere; SQLite's STRICT tables know the name REAL alone.
@@ -100,7 +103,9 @@ class Vector(TypeDecorator[tuple[float, ...]]):
 #: Grows with every change of the tables; kept in SQLite's user_version.
 SCHEMA_VERSION = 7
 
-CAMPAIGN_STATES, SEARCH_STATES, JOB_STATES = (tuple(TRANSITIONS[n]) for n in ("campaign", "search", "job"))
+CAMPAIGN_STATES: tuple[str, ...] = get_args(CampaignState)
+SEARCH_STATES: tuple[str, ...] = get_args(SearchState)
+JOB_STATES: tuple[str, ...] = get_args(JobState)
 ENDINGS = tuple(ending.value for ending in Ending)
 #: What tallies are of.
 TALLIED = ("attempt", "job", "solve", "status", "level", "solution", "strict")

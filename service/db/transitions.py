@@ -1,26 +1,33 @@
-"""States of campaigns, searches and jobs, every allowed change of state, and triggers that refuse all others.
+"""Every allowed change of state of campaigns, searches and jobs, and triggers that refuse all others.
 
 The triggers come with the tables and go with them, so that no code path can make another change; a migration
 that builds one of the tables anew runs the statements again.
 """
 
 from collections.abc import Iterable, Mapping
+from typing import Any, TypeVar
 
 from sqlalchemy import DDL, Table, event
 
+from service.schemas.answer import CampaignState
+from service.schemas.job import JobState
+from service.schemas.search import SearchState
+
+State = TypeVar("State", bound=str)
+
 #: From each state those that may follow it.
-Transitions = Mapping[str, tuple[str, ...]]
+Transitions = Mapping[State, tuple[State, ...]]
 
 #: A paused campaign drains: running jobs finish, and the last of them may end it.  Done ones open again
 #: when a job that failed is tried once more; cancelled is for good.
-CAMPAIGN: Transitions = {
+CAMPAIGN: Transitions[CampaignState] = {
     "active": ("paused", "done", "cancelled"),
     "paused": ("active", "done", "cancelled"),
     "done": ("active",),
     "cancelled": (),
 }
 #: Waiting ones have no jobs now and may get seeds, or belong to a large campaign that is still being planned.
-SEARCH: Transitions = {
+SEARCH: Transitions[SearchState] = {
     "waiting": ("active", "paused", "done", "cancelled"),
     "active": ("waiting", "paused", "done", "cancelled"),
     "paused": ("waiting", "active", "done", "cancelled"),
@@ -29,14 +36,18 @@ SEARCH: Transitions = {
 }
 #: A running job goes back to the queue when its worker is lost or gives it up; dead and cancelled ones
 #: when an operator says so.
-JOB: Transitions = {
+JOB: Transitions[JobState] = {
     "queued": ("running", "cancelled"),
     "running": ("done", "queued", "dead", "cancelled"),
     "done": (),
     "dead": ("queued",),
     "cancelled": ("queued",),
 }
-TRANSITIONS: Mapping[str, Transitions] = {"campaign": CAMPAIGN, "search": SEARCH, "job": JOB}
+TRANSITIONS: Mapping[str, Mapping[Any, tuple[str, ...]]] = {
+    "campaign": CAMPAIGN,
+    "search": SEARCH,
+    "job": JOB,
+}
 
 #: States in which a campaign or a search does nothing more by itself.
 ENDED = ("done", "cancelled")
@@ -47,7 +58,7 @@ def sources(noun: str, new: str) -> list[str]:
     return [old for old, following in TRANSITIONS[noun].items() if new in following]
 
 
-def pairs(transitions: Transitions) -> Iterable[tuple[str, str]]:
+def pairs(transitions: Mapping[Any, tuple[str, ...]]) -> Iterable[tuple[str, str]]:
     """Return every change (old, new)."""
     return [(old, new) for old, following in transitions.items() for new in following]
 

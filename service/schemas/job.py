@@ -5,9 +5,9 @@ from typing import Any, Literal
 
 from service.schemas.answer import Answer, CampaignState
 from service.schemas.search import JobCounts
+from workers.messages import Ending
 
 JobState = Literal["queued", "running", "done", "dead", "cancelled"]
-Ending = Literal["feasible", "infeasible", "numerical", "timeout", "error", "crash", "lost", "cancelled"]
 
 
 class JobView(Answer):

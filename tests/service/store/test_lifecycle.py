@@ -1,9 +1,11 @@
 """States and their changes, leases, control, sharing; what the store does over a lifetime."""
 
 import sqlite3
+from typing import get_args
 
 import pytest
 
+from service.db.tables import CAMPAIGN_STATES, JOB_STATES, SEARCH_STATES
 from service.db.transitions import TRANSITIONS, transition_triggers
 from service.scheduler import Share, in_turn
 from service.spec import spec_from
@@ -19,6 +21,7 @@ from tests.service.campaigns import content, spec_fields, submitted
 from tests.service.clock import Clock
 from tests.workers.fake import run_fake
 from workers.messages import (
+    CompleteAnswer,
     CompleteRequest,
     Ending,
     HeldJob,
@@ -80,6 +83,18 @@ def rows(store, query):
 
 
 # States.
+
+
+def test_every_state_of_the_api_has_its_changes_and_no_other_is_named():
+    states = {"campaign": CAMPAIGN_STATES, "search": SEARCH_STATES, "job": JOB_STATES}
+    assert {noun: set(known) for noun, known in states.items()} == {n: set(t) for n, t in TRANSITIONS.items()}
+    assert {new for changes in TRANSITIONS.values() for after in changes.values() for new in after} <= set(
+        CAMPAIGN_STATES + SEARCH_STATES + JOB_STATES
+    )
+    # Where a worker is told what became of a job that it had.
+    assert set(get_args(CompleteAnswer.model_fields["state"].annotation)) == set(
+        TRANSITIONS["job"]["running"]
+    )
 
 
 @pytest.mark.parametrize("noun", TRANSITIONS)
