@@ -71,7 +71,7 @@ def fault_line(error: TyperException) -> str:
 COMMANDS = {
     "run": (
         "service.cli.run:run",
-        "Run a campaign on this machine to its end; the same command goes on after an interruption.",
+        "Run a campaign on this machine to its end; repeat the command to resume after an interruption.",
     ),
     "serve": (
         "service.cli.run:serve",

@@ -58,7 +58,7 @@ def run(
     host: Host = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0 takes a free one.")] = 0,
 ) -> None:
-    """Run a campaign on this machine to its end; the same command goes on after an interruption."""
+    """Run a campaign on this machine to its end; repeat the command to resume after an interruption."""
     specification = load_spec(spec)
     require_flyable(specification.problem)
     # The terminal shows progress; log lines are for problems.
@@ -95,7 +95,7 @@ def _conclude(view: CampaignView, dead: list[JobView], is_finished: bool, data: 
         print_error(f"{n_dead} jobs failed, the first with: {dead[0].error}")
         raise typer.Exit(1)
     if not is_finished:
-        console.print("Interrupted; every result is kept, and the same command goes on.")
+        console.print("Interrupted; every result is kept, and the same command resumes.")
         raise typer.Exit(130)
     where = "" if data == DATA else f" --data {shlex.quote(str(data))}"
     console.print(
