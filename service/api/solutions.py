@@ -21,6 +21,7 @@ from service.dashboard.pictures import MOST_SAMPLES, flight_as_json
 from service.schemas.solution import (
     ChoicesView,
     ClusterPage,
+    Filter,
     LineageGraph,
     MissedThrustPage,
     PointsView,
@@ -34,7 +35,7 @@ from service.solutions import export as solution_export
 from service.solutions.export import ALL, MEDIA, ZIP, ExportFormat, Wanted
 from service.solutions.missed_thrust import views_of
 from service.store.errors import UnknownRowError
-from service.store.filters import Begin, Filter, Order, Sort
+from service.store.filters import Begin, Order, Sort
 from service.store.store import Store
 from workers.certificate import CertificateDocument
 

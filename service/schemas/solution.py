@@ -1,9 +1,9 @@
 """Solutions as the API shows them: records, points, clusters, lineage, seeds and missed-thrust analyses."""
 
 from datetime import datetime
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from service.schemas.answer import Answer, CampaignState
 from service.schemas.job import JobState
@@ -316,3 +316,60 @@ class MissedThrustPage(Answer):
     """The missed-thrust analyses of a solution that have tried something, the newest first."""
 
     items: list[MissedThrustView]
+
+
+Tolerance = Literal["strict", "paper", "all"]
+_Id = Annotated[int, Field(ge=1, lt=2**63)]
+_Bound = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
+
+#: Numbers of a solution that have a least and a most, as min_ and max_ of their names.
+RANGES = (
+    "delta_v_km_s",
+    "time_of_flight_days",
+    "initial_coast_days",
+    "shooting_days",
+    "final_coast_days",
+    "propellant_kg",
+    "k",
+    "cpu_seconds",
+)
+
+
+class Filter(BaseModel):
+    """What is None does not restrict; an outage is one with both the segment and the duration."""
+
+    model_config = ConfigDict(frozen=True)
+
+    campaign: _Id | None = Field(default=None, description="Id of a campaign")
+    search: str | None = Field(default=None, max_length=80, description="Name of a search")
+    strategy: str | None = Field(default=None, pattern=r"^S\(\d{1,3}(\|\d{1,3})?\)$", description="As S(1|0)")
+    k: int | None = Field(default=None, ge=0, le=1000, description="Number of outages survived")
+    segment: int | None = Field(
+        default=None, ge=1, le=2000, description="Of an outage: the segment that it misses"
+    )
+    duration_days: float | None = Field(
+        default=None, gt=0, le=1000, allow_inf_nan=False, description="Of the same outage: its length [d]"
+    )
+    tolerance: Tolerance = Field(default="all", description="What is strict is good at the paper's as well")
+    strict: bool | None = Field(default=None, description="Only those that are, or are not, strict")
+    min_delta_v_km_s: _Bound | None = None
+    max_delta_v_km_s: _Bound | None = None
+    min_time_of_flight_days: _Bound | None = None
+    max_time_of_flight_days: _Bound | None = None
+    min_initial_coast_days: _Bound | None = None
+    max_initial_coast_days: _Bound | None = None
+    min_shooting_days: _Bound | None = None
+    max_shooting_days: _Bound | None = None
+    min_final_coast_days: _Bound | None = None
+    max_final_coast_days: _Bound | None = None
+    min_propellant_kg: _Bound | None = None
+    max_propellant_kg: _Bound | None = None
+    min_k: _Bound | None = None
+    max_k: _Bound | None = None
+    min_cpu_seconds: _Bound | None = None
+    max_cpu_seconds: _Bound | None = None
+
+    def levels(self) -> set[tuple[str, bool]]:
+        """Return tolerances that a solution has to hold, or not; `strict` is `tolerance` where it is true."""
+        found: set[tuple[str, bool]] = set() if self.tolerance == "all" else {(self.tolerance, True)}
+        return found if self.strict is None else found | {("strict", self.strict)}

@@ -14,9 +14,8 @@ from pydantic import BaseModel
 from core.errors import UserError
 from core.problem import ProblemError, problem_from
 from core.search import REFINED, refined_problem
-from service.schemas.solution import RecordInFull
+from service.schemas.solution import Filter, RecordInFull
 from service.spec import Spec, spec_from
-from service.store.filters import Filter
 from service.store.store import Store
 
 

@@ -19,7 +19,7 @@ from pydantic import BaseModel
 
 from core.errors import UserError
 from core.verification.certificate import lowest_passages
-from service.store.filters import Filter
+from service.schemas.solution import Filter
 from service.store.solutions import Subject
 from service.store.store import Store
 from workers.certificate import CertificateDocument

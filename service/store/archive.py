@@ -16,9 +16,9 @@ from service.db.postgres import server_time
 from service.scheduler import LeaseSettings
 from service.schemas.campaign import CampaignItem, CampaignView
 from service.schemas.job import JobPage, WorkerPage
-from service.schemas.solution import RecordInFull, RecordWithVector
+from service.schemas.solution import Filter, RecordInFull, RecordWithVector
 from service.store import campaigns, filters, jobs, solutions, workers
-from service.store.filters import Filter, Order
+from service.store.filters import Order
 from service.store.solutions import Certificates
 from workers.retry import Downtime
 

@@ -6,72 +6,22 @@ meanwhile neither repeats nor hides anything.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import ValidationError
 from sqlalchemy import ColumnElement, ScalarSelect, and_, exists, func, or_, select
 from sqlalchemy.orm import Session, aliased
 
 from core.problem import validation_message
 from service.db.tables import CampaignRow, CaseRow, ProblemRow, SearchRow, SolutionRow, SolveRow
-from service.schemas.solution import CampaignChoice, ChoicesView
+from service.schemas.solution import RANGES, CampaignChoice, ChoicesView, Filter
 from service.store.errors import StoreError, UnknownRowError
-
-Tolerance = Literal["strict", "paper", "all"]
-_Id = Annotated[int, Field(ge=1, lt=2**63)]
-_Bound = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
 
 #: Durations that differ by less are the same [d].
 SAME_DURATION = 1e-6
-#: Numbers of a solution that have a least and a most, as min_ and max_ of their names.
-RANGES = (
-    "delta_v_km_s",
-    "time_of_flight_days",
-    "initial_coast_days",
-    "shooting_days",
-    "final_coast_days",
-    "propellant_kg",
-    "k",
-    "cpu_seconds",
-)
 
 #: Solves beside the one that a record shows.
 _Again = aliased(SolveRow)
-
-
-class Filter(BaseModel):
-    """What is None does not restrict; an outage is one with both the segment and the duration."""
-
-    model_config = ConfigDict(frozen=True)
-
-    campaign: _Id | None = Field(default=None, description="Id of a campaign")
-    search: str | None = Field(default=None, max_length=80, description="Name of a search")
-    strategy: str | None = Field(default=None, pattern=r"^S\(\d{1,3}(\|\d{1,3})?\)$", description="As S(1|0)")
-    k: int | None = Field(default=None, ge=0, le=1000, description="Number of outages survived")
-    segment: int | None = Field(
-        default=None, ge=1, le=2000, description="Of an outage: the segment that it misses"
-    )
-    duration_days: float | None = Field(
-        default=None, gt=0, le=1000, allow_inf_nan=False, description="Of the same outage: its length [d]"
-    )
-    tolerance: Tolerance = Field(default="all", description="What is strict is good at the paper's as well")
-    strict: bool | None = Field(default=None, description="Only those that are, or are not, strict")
-    min_delta_v_km_s: _Bound | None = None
-    max_delta_v_km_s: _Bound | None = None
-    min_time_of_flight_days: _Bound | None = None
-    max_time_of_flight_days: _Bound | None = None
-    min_initial_coast_days: _Bound | None = None
-    max_initial_coast_days: _Bound | None = None
-    min_shooting_days: _Bound | None = None
-    max_shooting_days: _Bound | None = None
-    min_final_coast_days: _Bound | None = None
-    max_final_coast_days: _Bound | None = None
-    min_propellant_kg: _Bound | None = None
-    max_propellant_kg: _Bound | None = None
-    min_k: _Bound | None = None
-    max_k: _Bound | None = None
-    min_cpu_seconds: _Bound | None = None
-    max_cpu_seconds: _Bound | None = None
 
 
 def filter_of(**fields: Any) -> Filter:
@@ -122,12 +72,7 @@ class Wanted:
         return query.where((_Again.search_id + 0).in_(self._searches))
 
     def _tolerances(self) -> list[ColumnElement[bool]]:
-        found: list[ColumnElement[bool]] = []
-        if self._wanted.strict is not None:
-            found.append(SolutionRow.strict == self._wanted.strict)
-        if self._wanted.tolerance != "all":
-            found.append(getattr(SolutionRow, self._wanted.tolerance) == True)  # noqa: E712 - a condition
-        return found
+        return [getattr(SolutionRow, name) == is_held for name, is_held in sorted(self._wanted.levels())]
 
     def _ranges(self) -> list[ColumnElement[bool]]:
         found: list[ColumnElement[bool]] = []

@@ -15,9 +15,9 @@ from sqlalchemy.orm import Session
 from core.analysis.similarity import clusters, feature_rows
 from core.problem import Problem, problem_from
 from service.db.tables import ProblemRow, SearchRow, SolutionRow, SolveRow
-from service.schemas.solution import ClusterPage, ClusterView, PointsView
+from service.schemas.solution import ClusterPage, ClusterView, Filter, PointsView
 from service.store.cache import definition_of
-from service.store.filters import Begin, Filter, Order, Wanted, ids_of_page
+from service.store.filters import Begin, Order, Wanted, ids_of_page
 
 #: Solutions that a search surely has in the picture, though others have thousands.
 OF_EACH_SEARCH = 20

@@ -25,6 +25,7 @@ from service.db.tables import (
 )
 from service.schemas.problem import OutageView
 from service.schemas.solution import (
+    Filter,
     Lineage,
     LineageEdge,
     LineageNode,
@@ -37,7 +38,7 @@ from service.spec.missed_thrust import analysis_name
 from service.spec.search_spec import SearchSpec
 from service.store.cache import spec_of
 from service.store.errors import StoreError, UnknownRowError
-from service.store.filters import Begin, Filter, Order, Wanted, ids_of_page
+from service.store.filters import Begin, Order, Wanted, ids_of_page
 from service.store.statistics import campaign_facts
 from workers.certificate import CertificateContent, CertificateDocument
 

@@ -19,6 +19,7 @@ from service.schemas.problem import ProblemFamily, ProblemPage, ProblemView
 from service.schemas.solution import (
     ChoicesView,
     ClusterPage,
+    Filter,
     LineageGraph,
     PointsView,
     RecordPage,
@@ -51,7 +52,7 @@ from service.store.archive_io import ImportResult
 from service.store.cache import spec_fields, spec_of
 from service.store.campaign_history import HistoryCache
 from service.store.control import Verb
-from service.store.filters import Begin, Filter, Order
+from service.store.filters import Begin, Order
 from service.store.identity import Identities
 from service.store.jobs import Activity
 from service.store.seeds import family, seeds_of_problem, seeds_of_search

@@ -2,7 +2,8 @@
 
 import pytest
 
-from service.store.filters import Filter, Order
+from service.schemas.solution import Filter
+from service.store.filters import Order
 from tests.acceptance import known
 from tests.browser.conftest import SCREENS
 

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from service.store.filters import Filter
+from service.schemas.solution import Filter
 from tests.acceptance import known
 from tests.browser.conftest import SCREENS
 

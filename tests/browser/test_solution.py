@@ -5,10 +5,10 @@ import json
 import pytest
 
 from core.problem import load_problem
+from service.schemas.solution import Filter
 from service.solutions.missed_thrust import views_of
 from service.spec import spec_from
 from service.spec.missed_thrust import analysis_spec, grid_of
-from service.store.filters import Filter
 from tests.acceptance import known
 from tests.api_examples import example_of
 from tests.browser.conftest import SCREENS

@@ -27,8 +27,8 @@ from service.auth.network import Access
 from service.cli import app_of
 from service.db.dialect import mixed
 from service.db.upgrade import upgrade
+from service.schemas.solution import Filter
 from service.spec import load_spec, spec_from
-from service.store.filters import Filter
 from service.store.store import Store
 from service.validation import solution_hash
 from tests.acceptance import known

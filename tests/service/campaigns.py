@@ -1,8 +1,8 @@
 """Specifications and campaigns to test with; their solves are those of `tests.workers.fake`."""
 
+from service.schemas.solution import Filter
 from service.spec import spec_from
 from service.store.errors import StoreError
-from service.store.solutions import Filter
 from service.store.store import Store
 from tests.workers.fake import run_fake
 from tests.workers.jobs import worker_info

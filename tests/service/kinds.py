@@ -13,11 +13,11 @@ from typing import NamedTuple
 
 from core.problem import load_problem, problem_from
 from service.new_file import write_new
+from service.schemas.solution import Filter
 from service.solutions.refine import refinement_spec
 from service.spec import spec_from
 from service.spec.missed_thrust import analysis_spec, grid_of
 from service.store.archive_files import import_file, packed, pieces
-from service.store.solutions import Filter
 from service.store.store import Store
 from tests.acceptance import known
 from tests.service.campaigns import dispatcher_on

@@ -12,9 +12,9 @@ from core.errors import UserError
 from service.app import create_app
 from service.client import ROUTES, Client, ClientError
 from service.coordinator import Coordinator
+from service.schemas.solution import Filter
 from service.spec.spec import SeedChoices
 from service.store import campaigns
-from service.store.solutions import Filter
 from service.store.store import Store
 from tests.service.campaigns import finish, spec_fields, submitted
 from tests.workers.jobs import worker_info

@@ -10,7 +10,7 @@ import pytest
 from service.api import events
 from service.api.solutions import csv_lines
 from service.coordinator import Coordinator
-from service.store.solutions import Filter
+from service.schemas.solution import Filter
 from service.store.store import Store
 from tests.service.by_hand import work_off
 from tests.service.campaigns import spec_fields, submitted

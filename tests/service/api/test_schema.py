@@ -17,8 +17,8 @@ from service.app import create_app
 from service.auth.network import Access
 from service.dashboard.assets import VIEWS
 from service.schemas.identity import Role
+from service.schemas.solution import Filter
 from service.settings import Settings
-from service.store.solutions import Filter
 from service.store.store import Store
 from tests.service.campaigns import finish, spec_fields, submitted
 from tests.service.routes import lines_of

@@ -6,9 +6,9 @@ import pytest
 
 from core.problem import content_hash
 from service.new_file import write_new
+from service.schemas.solution import Filter
 from service.spec import spec_from
 from service.store.archive_files import packed, pieces
-from service.store.filters import Filter
 from service.store.store import Store
 from tests.acceptance import known
 from tests.service.databases import rows

@@ -12,6 +12,7 @@ from service.db.engine import place_of
 from service.db.tables import Base
 from service.integrity.check import check
 from service.new_file import FileError
+from service.schemas.solution import Filter
 from service.spec import spec_from
 from service.store.archive_files import import_file
 from service.store.archive_io import (
@@ -21,7 +22,6 @@ from service.store.archive_io import (
     SOLUTION_COLUMNS,
     SOLVE_COLUMNS,
 )
-from service.store.filters import Filter
 from tests.acceptance import known
 from tests.service.archive_format.made import (
     certificate_on,

@@ -12,7 +12,7 @@ from service.db.engine import Database
 from service.db.errors import DatabaseError
 from service.db.tables import SCHEMA_VERSION, Base
 from service.db.upgrade import differences, upgrade, version_of
-from service.store.solutions import Filter
+from service.schemas.solution import Filter
 from service.store.store import Store
 from tests.service.databases import needs_postgres
 

@@ -14,7 +14,7 @@ from service.db import postgres as postgres_side
 from service.db.backup import backup, restore
 from service.integrity.check import check
 from service.integrity.repair import repair
-from service.store.filters import Filter
+from service.schemas.solution import Filter
 from service.store.store import Store
 from tests.service.archive_format.made import certificate_on
 from tests.service.campaigns import finish, spec_fields, submitted

@@ -10,11 +10,11 @@ from core.problem import load_problem, problem_from
 from core.verification.verify import verify
 from service import cli, logs
 from service.cli import run as cli_run
+from service.schemas.solution import Filter
 from service.solutions.missed_thrust import views_of
 from service.spec import SpecError, spec_from
 from service.spec.missed_thrust import GridError, analysis_spec, grid_of
 from service.spec.spec_check import planned
-from service.store.filters import Filter
 from service.store.store import Store
 from tests.acceptance import known
 from tests.service.campaigns import dispatcher_on, finish, submitted

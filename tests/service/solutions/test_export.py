@@ -16,7 +16,7 @@ from oem import OrbitEphemerisMessage
 from core.problem import ProblemError, load_problem
 from service import cli
 from service.cli.options import console
-from service.store.filters import Filter
+from service.schemas.solution import Filter
 
 API = "/api/v1"
 ROOT = Path(__file__).parents[3]

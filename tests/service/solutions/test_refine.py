@@ -7,6 +7,7 @@ import pytest
 
 from core.problem import problem_from
 from core.search import refined_problem
+from service.schemas.solution import Filter
 from service.solutions.refine import (
     RefineError,
     best_of,
@@ -17,7 +18,6 @@ from service.solutions.refine import (
 )
 from service.spec import SpecError, spec_from
 from service.spec.spec import SeedChoices
-from service.store.filters import Filter
 from service.store.store import Store
 from tests.acceptance.known import SPEC, run_known
 from tests.service.campaigns import finish, spec_fields, submitted

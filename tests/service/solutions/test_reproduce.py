@@ -7,8 +7,8 @@ from typer.testing import CliRunner
 
 from service.cli import app_of
 from service.cli import solution_commands as cli_reproduce
+from service.schemas.solution import Filter
 from service.solutions.reproduce import reproduce, verdict
-from service.store.filters import Filter
 from service.store.store import Store
 from tests.acceptance.known import SPEC, VECTORS
 from tests.service.campaigns import dispatcher_on, finish, spec_fields, submitted

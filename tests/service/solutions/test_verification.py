@@ -16,10 +16,10 @@ from service.cli import solution_commands as cli_verify
 from service.cli.options import console
 from service.cli.terminal import level_of
 from service.db.tables import SolutionRow
+from service.schemas.solution import Filter
 from service.solutions import verification
 from service.solutions.verification import VerificationRequest, verify_solutions
 from service.spec import spec_from
-from service.store.filters import Filter
 from service.store.store import Store
 from tests.acceptance.known import OUTAGE, SPEC, run_known
 from tests.service.campaigns import finish, spec_fields

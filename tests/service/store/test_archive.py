@@ -5,8 +5,9 @@ import pytest
 from fastapi.testclient import TestClient
 
 from service.app import create_app
+from service.schemas.solution import RANGES, Filter
 from service.store import scatter
-from service.store.filters import RANGES, Filter, Order
+from service.store.filters import Order
 from service.store.scatter import front
 from service.store.store import Store
 from tests.service.campaigns import finish, spec_fields, submitted
@@ -239,3 +240,17 @@ def test_a_filter_in_the_order_asked_for_reaches_the_terminal(store, found):
     records = store.all_records(Filter(k=1), 2, Order("time_of_flight_days"))
     flights = sorted(record.time_of_flight_days for record in found if record.k == 1)
     assert [record.time_of_flight_days for record in records] == flights[:2]
+
+
+@pytest.mark.parametrize(
+    ("fields", "levels"),
+    [
+        ({}, set()),
+        ({"strict": True}, {("strict", True)}),
+        ({"tolerance": "strict"}, {("strict", True)}),
+        ({"tolerance": "strict", "strict": True}, {("strict", True)}),
+        ({"tolerance": "paper", "strict": False}, {("paper", True), ("strict", False)}),
+    ],
+)
+def test_two_ways_to_ask_for_a_tolerance_are_one(fields, levels):
+    assert Filter(**fields).levels() == levels

@@ -6,8 +6,8 @@ import pytest
 from sqlalchemy import func, select
 
 from service.db.tables import CertificateRow
+from service.schemas.solution import Filter
 from service.store.errors import UnknownRowError
-from service.store.filters import Filter
 from tests.api_examples import example_of
 from tests.service.campaigns import finish, submitted
 from tests.service.databases import needs_postgres

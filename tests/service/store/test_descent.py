@@ -10,8 +10,8 @@ from sqlalchemy.dialects import sqlite
 from core.problem import load_problem, problem_from
 from service.dashboard import structure
 from service.dashboard.structure import structure_of
+from service.schemas.solution import Filter
 from service.store import lineage
-from service.store.filters import Filter
 from tests.acceptance import known
 from tests.service.campaigns import finish, spec_fields, submitted
 from tests.service.databases import needs_postgres

@@ -8,7 +8,7 @@ from sqlalchemy import event
 
 from service.app import create_app
 from service.auth.network import Access
-from service.store.filters import Filter
+from service.schemas.solution import Filter
 from service.store.store import Store
 from tests.service.campaigns import finish, submitted
 

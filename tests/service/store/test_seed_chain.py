@@ -9,7 +9,7 @@ import pytest
 import core
 from core.nlp import ExitStatus, Outcome, solve
 from core.transcription import FINE_TOLERANCE
-from service.store.solutions import Filter
+from service.schemas.solution import Filter
 from tests.service.campaigns import OUTAGE, finish, spec_fields, submitted
 from workers import run
 from workers.executor import Inline

@@ -6,8 +6,8 @@ import pytest
 
 from core.problem import problem_from
 from service import scheduler
+from service.schemas.solution import Filter
 from service.spec import spec_from
-from service.store.solutions import Filter
 from service.store.store import Store
 from service.validation import solution_hash
 from tests.service.campaigns import OUTAGE, content, finish, spec_fields, submitted
