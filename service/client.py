@@ -110,7 +110,6 @@ class Client:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close all connections."""
         self._api.__exit__(kind, error, trace)
 
     # What changes something.

@@ -46,7 +46,6 @@ class Heartbeat:
         self._fault: Exception | None = None
 
     def __enter__(self) -> Self:
-        """Start the thread."""
         self._thread.start()
         return self
 

@@ -283,7 +283,6 @@ class GuessPlan:
     limits: SolveSettings = field(default_factory=SolveSettings)
 
     def __post_init__(self) -> None:
-        """Check the plan."""
         if self.n_guesses < 1:
             raise ValueError(f"guesses: expected at least 1, got {self.n_guesses}")
         if self.law not in GUESS_LAWS:

@@ -48,7 +48,6 @@ class Weibull:
     shape: float
 
     def __post_init__(self) -> None:
-        """Check the parameters."""
         for name, value in (("scale_days", self.scale_days), ("shape", self.shape)):
             if not (isfinite(value) and value > 0.0):
                 raise ValueError(f"{name}: expected a positive finite number, got {value}")

@@ -78,7 +78,6 @@ class HopSettings:
     max_failures: Annotated[int, Field(ge=1)] = 5
 
     def __post_init__(self) -> None:
-        """Check the ranges of the settings."""
         for name, laws in (("guess_law", GUESS_LAWS), ("hop_law", HOP_LAWS)):
             if getattr(self, name) not in laws:
                 raise ValueError(f"{name}: expected one of {', '.join(laws)}, got {getattr(self, name)!r}")

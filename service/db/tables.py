@@ -60,13 +60,11 @@ class Flag(TypeDecorator[bool]):
         return dialect.type_descriptor(Integer() if dialect.name == "sqlite" else Boolean())
 
     def process_bind_param(self, value: bool | None, dialect: Dialect) -> bool | int | None:
-        """Write."""
         if value is None:
             return None
         return int(value) if dialect.name == "sqlite" else bool(value)
 
     def process_result_value(self, value: Any, dialect: Dialect) -> bool | None:
-        """Read."""
         return None if value is None else bool(value)
 
 
@@ -81,7 +79,6 @@ class Json(TypeDecorator[Any]):
         return None if value is None else json.dumps(value, allow_nan=False, separators=(",", ":"))
 
     def process_result_value(self, value: str | None, dialect: Dialect) -> Any:
-        """Read."""
         return None if value is None else json.loads(value)
 
 
@@ -92,11 +89,9 @@ class Vector(TypeDecorator[tuple[float, ...]]):
     cache_ok = True
 
     def process_bind_param(self, value: Any, dialect: Dialect) -> bytes | None:
-        """Write."""
         return None if value is None else struct.pack(f"<{len(value)}d", *value)
 
     def process_result_value(self, value: bytes | None, dialect: Dialect) -> tuple[float, ...] | None:
-        """Read."""
         return None if value is None else struct.unpack(f"<{len(value) // 8}d", value)
 
 

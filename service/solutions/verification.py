@@ -44,7 +44,6 @@ class VerificationRequest:
     with_heyoka: bool = False
 
     def __post_init__(self) -> None:
-        """Check the altitude."""
         try:
             lowest_passages(self.min_altitude_km)
         except ValueError as error:

@@ -50,7 +50,6 @@ class Archive:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close the archive."""
         self.close()
 
     def close(self) -> None:
