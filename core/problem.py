@@ -40,13 +40,11 @@ LEAST_SPAN_DAYS, KERNEL_MARGIN_DAYS = 200.0, 45.0
 
 # What a problem means besides its own fields.
 _WORLD = {"kernel": KERNEL_MD5, "gm": [GM_EARTH, GM_MOON, GM_SUN, GM_JUPITER], "g0": G0}
+_EPOCH = re.compile(r"(\d{4})-(\d\d)-(\d\d)T(\d\d):(\d\d):(\d\d)(?:\.(\d{1,6}))?", re.ASCII)
 
 
 class ProblemError(UserError, ValueError):
     """A problem that cannot be: the message names each field, what was expected and what came."""
-
-
-_EPOCH = re.compile(r"(\d{4})-(\d\d)-(\d\d)T(\d\d):(\d\d):(\d\d)(?:\.(\d{1,6}))?", re.ASCII)
 
 
 def _checked_epoch(text: str) -> str:
