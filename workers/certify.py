@@ -111,7 +111,7 @@ def trajectory(problem: Problem, x: NDArray[np.float64], verification: Verificat
 CONSTANTS = ("GM_EARTH", "GM_MOON", "GM_SUN", "GM_JUPITER", "RADIUS_EARTH_KM", "RADIUS_MOON_KM", "G0")
 
 
-def basis(min_altitude_km: float | None, with_heyoka: bool = False) -> str:
+def basis(min_altitude_km: float | None, *, with_heyoka: bool = False) -> str:
     """Return the identity of all that a certificate depends on beside its solution.
 
     Two certificates of one solution on one basis have the same content.
@@ -126,11 +126,12 @@ def certificate_of(
     problem: Problem,
     x: NDArray[np.float64],
     min_altitude_km: float | None = None,
+    *,
     with_heyoka: bool = False,
 ) -> CertificateDocument:
     """Re-propagate a solution and return its certificate."""
     began = time.process_time()
-    found = certify(problem, x, min_altitude_km, with_heyoka)
+    found = certify(problem, x, min_altitude_km, with_heyoka=with_heyoka)
     content, now = _content(solution_id, problem, found), datetime.now(UTC)
     return CertificateDocument(
         content=content,

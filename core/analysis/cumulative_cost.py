@@ -108,7 +108,7 @@ def cumulative_hours(links: Sequence[Link]) -> Estimate:
     return propagate_interval(total, [link.ratio for link in links])
 
 
-def full_hours(links: Sequence[Link], is_shared: bool = False) -> Estimate:
+def full_hours(links: Sequence[Link], *, is_shared: bool = False) -> Estimate:
     """Return the hours per solution including those of all seeds used, eq. (M6).
 
     Parameters

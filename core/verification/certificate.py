@@ -117,7 +117,7 @@ def lowest_passages(min_altitude_km: float | None = None) -> Mapping[str, float]
 
 @one_at_a_time
 def certify(
-    problem: Problem, x: Array, min_altitude_km: float | None = None, with_heyoka: bool = False
+    problem: Problem, x: Array, min_altitude_km: float | None = None, *, with_heyoka: bool = False
 ) -> Certification:
     """Re-propagate a solution in halves and end to end, with closest approaches and mass budgets.
 

@@ -277,7 +277,7 @@ def verify_command(
         require_heyoka()
     asked = VerificationRequest(min_altitude_km, with_heyoka)
     with Store(data) as store:
-        ids = wanted_ids(store, solution or [], campaign, is_all)
+        ids = wanted_ids(store, solution or [], campaign, is_all=is_all)
         left = fresh_ids(store, ids, asked) if is_stale else ids
         found = verify_solutions(store, left, asked, min(workers, len(left)) or 1)
         items, is_complete = _collect(found, len(left), is_quiet=as_json)

@@ -187,7 +187,7 @@ def _spawn() -> subprocess.Popen[str]:
     )
 
 
-def _reap_child(child: subprocess.Popen[str], is_alive: bool = False) -> int:
+def _reap_child(child: subprocess.Popen[str], *, is_alive: bool = False) -> int:
     """Wait for a child, and end what it left behind: all in its session, which it was the first of."""
     if not is_alive:
         os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOWAIT)

@@ -89,7 +89,7 @@ class Summary(BaseModel):
     items: list[Verified]
 
 
-def wanted_ids(store: Store, prefixes: Sequence[str], campaign: str | None, is_all: bool) -> list[str]:
+def wanted_ids(store: Store, prefixes: Sequence[str], campaign: str | None, *, is_all: bool) -> list[str]:
     """Return the ids of the solutions that a user names, in one of three ways."""
     ways = [bool(prefixes), campaign is not None, is_all]
     if sum(ways) != 1:
@@ -115,7 +115,7 @@ def fresh_ids(store: Store, ids: Sequence[str], asked: VerificationRequest) -> l
     """Return those that were not found sound with this code, these packages, and as asked."""
     from workers.certify import basis
 
-    known = store.certificates.sound_on(basis(asked.min_altitude_km, asked.with_heyoka))
+    known = store.certificates.sound_on(basis(asked.min_altitude_km, with_heyoka=asked.with_heyoka))
     return [one for one in ids if one not in known]
 
 
@@ -125,7 +125,7 @@ def verify_solutions(
     """Certify solutions, store each certificate, and yield how each one went as it is done."""
     from workers.certify import basis
 
-    here = basis(asked.min_altitude_km, asked.with_heyoka)
+    here = basis(asked.min_altitude_km, with_heyoka=asked.with_heyoka)
     subjects = (store.certificates.subject(one) for one in ids)
     for subject, found in _certify_all(subjects, asked, n_processes):
         if isinstance(found, str):
@@ -222,7 +222,7 @@ def _certify(subject: Subject, asked: VerificationRequest) -> CertificateDocumen
     try:
         problem = problem_from(subject.definition)
         return certificate_of(
-            subject.id, problem, np.array(subject.x), asked.min_altitude_km, asked.with_heyoka
+            subject.id, problem, np.array(subject.x), asked.min_altitude_km, with_heyoka=asked.with_heyoka
         )
     except (ProblemError, OSError) as error:
         return str(error)
