@@ -19,7 +19,14 @@ from service.spec import load_spec
 from workers.provenance import machine
 
 #: What is typed after `coastarc`; those that look at an archive get its folder too.
-COMMANDS = ("--help", "status", "status --campaign 1", "solutions list", "solutions list --json")
+COMMANDS = (
+    "--help",
+    "status",
+    "status --campaign 1",
+    "solutions list",
+    "solutions list --json",
+    "token list",
+)
 #: What any command that opens an archive imports besides our own code.
 REFERENCE = "import pydantic.main, rich.table, sqlalchemy.orm, typer"
 

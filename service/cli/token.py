@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Annotated, Any
 from urllib.parse import quote
 
-import httpx
 import typer
 from pydantic import BaseModel, ValidationError
 
@@ -22,7 +21,7 @@ from service.coordinator.lock import FolderLock, LockError
 from service.db.engine import make_folder
 from service.schemas.identity import NewToken, Role, TokenPage, TokenRequest, TokenView
 from service.settings import Settings
-from service.store.store import Store
+from service.store.archive import Archive
 
 token = typer.Typer(help="Make, list and revoke tokens.", no_args_is_help=True)
 
@@ -69,7 +68,7 @@ def create(
 def list_tokens(data: Data = DATA, url: Url = None, as_json: Json = False) -> None:
     """List the tokens, without their secrets."""
     if url is None:
-        with Store(data, read_only=True) as store:
+        with Archive(data) as store:
             page = TokenPage(items=store.identities.tokens())
     else:
         page = TokenPage.model_validate(_ask(url, "GET", "/tokens"))
@@ -103,10 +102,10 @@ def revoke(
 
 
 @contextmanager
-def _archive(data: Path) -> Iterator[Store]:
+def _archive(data: Path) -> Iterator[Archive]:
     make_folder(data)
     try:
-        with FolderLock(data), Store(data) as store:
+        with FolderLock(data), Archive(data, read_only=False) as store:
             yield store
     except LockError as error:
         advice = "or ask that coordinator with --url and an administrator's token in COASTARC_TOKEN"
@@ -121,6 +120,9 @@ def _request(name: str, role: Role, days: float) -> TokenRequest:
 
 
 def _ask(url: str, method: str, path: str, body: BaseModel | None = None) -> Any:
+    # Imported here: an archive is read without HTTP.
+    import httpx
+
     mine = Settings.from_environment().token
     headers = {"Authorization": f"Bearer {mine.get_secret_value()}"} if mine else {}
     fields = None if body is None else body.model_dump(mode="json")

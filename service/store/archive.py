@@ -1,7 +1,7 @@
-"""Read access to an archive: campaigns, jobs, workers, solutions and certificates.
+"""Read access to an archive: campaigns, jobs, workers, solutions, certificates and tokens.
 
 Nothing here needs the numerics, so that lists of the command line cost little; `service.store.store` adds
-all that changes an archive or computes something of it.
+all that changes campaigns or computes something of them.
 """
 
 import time
@@ -19,6 +19,7 @@ from service.schemas.job import JobPage, WorkerPage
 from service.schemas.solution import Filter, RecordInFull, RecordWithVector
 from service.store import campaigns, filters, jobs, solutions, workers
 from service.store.filters import Order
+from service.store.identity import Identities
 from service.store.solutions import Certificates
 from workers.retry import Downtime
 
@@ -44,6 +45,8 @@ class Archive:
         self._ahead_s = 0.0
         #: Certificates of solutions.
         self.certificates = Certificates(self._database)
+        #: Who may use the archive, and who did what.
+        self.identities = Identities(self._database, self._clock)
 
     def __enter__(self) -> Self:
         """Give the store; it is closed at the end of the block."""

@@ -53,7 +53,6 @@ from service.store.cache import spec_fields, spec_of
 from service.store.campaign_history import HistoryCache
 from service.store.control import Verb
 from service.store.filters import Begin, Order
-from service.store.identity import Identities
 from service.store.jobs import Activity
 from service.store.seeds import family, seeds_of_problem, seeds_of_search
 from service.store.statistics import OperatorMetrics, require_writable
@@ -93,8 +92,6 @@ class Store(Archive):
         self.gauges = OperatorMetrics(self._database, self._about_now, leases.lease_s)
         #: Searches hop by hop, attempts and the queue.
         self.activity = Activity(self._database, self._about_now, leases)
-        #: Who may use the archive, and who did what.
-        self.identities = Identities(self._database, self._clock)
         self._histories = HistoryCache(self._database)
 
     # What changes the archive.

@@ -50,7 +50,7 @@ def test_a_word_that_is_nearly_a_command_is_asked_about():
     assert code == 2 and "did you mean 'status'" in printed
 
 
-LISTS = ["status", "status --campaign 1", "solutions list", "solutions show e1ac2535"]
+LISTS = ["status", "status --campaign 1", "solutions list", "solutions show e1ac2535", "token list"]
 
 
 @pytest.mark.parametrize("words", LISTS)
