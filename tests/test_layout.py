@@ -1,6 +1,7 @@
 """Where the three names come from, what may import what, and files that must be there."""
 
 import importlib
+import re
 import subprocess
 import sys
 from importlib.metadata import distribution
@@ -95,3 +96,10 @@ def test_who_asks_core_for_one_thing_imports_only_what_it_needs(asked, spared):
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not set(ran.stdout.split()) & set(spared)
+
+
+def test_all_exceptions_of_workers_have_one_root():
+    sources = [path.read_text(encoding="utf-8") for path in sorted((ROOT / "workers").glob("*.py"))]
+    found = [one for source in sources for one in re.findall(r"^class (\w+Error)\((.*)\):", source, re.M)]
+    roots = [name for name, bases in found if not {name for name, _ in found} & set(bases.split(", "))]
+    assert len(found) > 10 and roots == ["WorkerError"]

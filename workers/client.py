@@ -2,7 +2,7 @@
 
 Whether and when to retry is for the caller; what may be retried is raised as `UnreachableError`.
 
-    ApiError(RuntimeError)   an invalid URL
+    ApiError(WorkerError)    an invalid URL
         RejectedError        an answer that stays the same however often one asks
     UnreachableError         see `workers.messages`
 """
@@ -17,6 +17,7 @@ import httpx
 from pydantic import BaseModel, ValidationError
 
 from core.errors import UserError
+from workers.errors import WorkerError
 from workers.messages import (
     ClaimAnswer,
     ClaimRequest,
@@ -49,7 +50,7 @@ REPORTS = ("hand-in", "complete", "complete-many")
 A = TypeVar("A", bound=BaseModel)
 
 
-class ApiError(UserError, RuntimeError):
+class ApiError(UserError, WorkerError):
     """A request that the coordinator cannot answer."""
 
 

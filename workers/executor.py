@@ -2,7 +2,7 @@
 
 An executor may lose all it holds at any time; the coordinator's database is the only truth.
 
-    ExecutorError(RuntimeError)   asked for what it cannot do
+    ExecutorError(WorkerError)    asked for what it cannot do
         ExecutorLostError         it no longer answers; a new one must be started
 """
 
@@ -11,13 +11,14 @@ from collections.abc import Callable
 from typing import Protocol
 
 from core.errors import UserError
+from workers.errors import WorkerError
 from workers.messages import Ended, Ending, Finished, HandedIn, Job, JobOutcome, Sealed, Ticket, sealed
 
 #: Time that an attempt has to stop by itself after it was asked, before it is killed [s].
 CANCEL_GRACE_S = 10.0
 
 
-class ExecutorError(UserError, RuntimeError):
+class ExecutorError(UserError, WorkerError):
     """An executor that was asked for what it cannot do."""
 
 

@@ -5,7 +5,7 @@ it runs.  Decision vectors are in the paper layout and public units (days, throt
 
 A source of jobs is the coordinator behind five calls that carry these messages alone; what it raises:
 
-SourceError(RuntimeError)   a source that did not do what it was asked
+SourceError(WorkerError)    a source that did not do what it was asked
     UnreachableError        no answer now; the same may be asked again
         FaultyError         it failed over this very question
     RefusedError            it rejects this worker: its token, its version
@@ -23,6 +23,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from core.errors import UserError
 from core.search.settings import HopSettings
+from workers.errors import WorkerError
 
 #: `HopAddress.kind` of the two kinds of job; part of every generator's key, so never renumbered.
 KIND_NUMBERS = {"hop": 0, "map": 1}
@@ -474,7 +475,7 @@ class HandedIn(NamedTuple):
         return self.ticket.to_json(part=self.part.to_json())
 
 
-class SourceError(UserError, RuntimeError):
+class SourceError(UserError, WorkerError):
     """A source that did not do what it was asked."""
 
 

@@ -12,6 +12,8 @@ from typing import TypedDict
 
 import psutil
 
+from workers.errors import WorkerError
+
 _PR_SET_CHILD_SUBREAPER = 36
 
 
@@ -109,7 +111,7 @@ def single_threaded(environment: Mapping[str, str]) -> dict[str, str]:
     return dict(environment) | dict.fromkeys(THREAD_VARIABLES, "1")
 
 
-class ThreadError(RuntimeError):
+class ThreadError(WorkerError):
     """A numerical library runs more threads than the one a solve may have."""
 
 

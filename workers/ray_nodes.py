@@ -34,6 +34,7 @@ from typing import Any, NamedTuple
 from platformdirs import user_data_path
 
 from workers.child import runner_named
+from workers.errors import WorkerError
 from workers.executor import ExecutorError, ExecutorLostError
 from workers.messages import Claim, Ended, packed, sealed
 from workers.process_tree import require_one_thread, single_threaded
@@ -47,7 +48,7 @@ class Versions(NamedTuple):
     code: str
 
 
-class ForeignWorkerError(RuntimeError):
+class ForeignWorkerError(WorkerError):
     """A worker process of another version than the dispatcher that sent it a job."""
 
 
