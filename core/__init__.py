@@ -1,6 +1,6 @@
-"""coastarc's numerics: a problem in, verified trajectories out; no service is needed to use them.
+"""coastarc's numerics: from a problem to verified trajectories, without the service.
 
-What is listed here is imported when it is asked for: whoever needs one module of core pays for no other.
+The names listed here are imported on first use, so that using one module of core does not import the others.
 """
 
 from typing import TYPE_CHECKING

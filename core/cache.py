@@ -1,7 +1,7 @@
-"""The folder of what is made once and used again: compiled kernels and generated orbits.
+"""The cache folder for compiled kernels and generated orbits.
 
-Nothing in it is believed for its name.  A file that was cut off or altered is made anew, and so is one whose
-digest is missing; whoever makes it writes the same bytes, so that several may do it at once.
+Files are checked by a digest: one that is truncated, altered or without its digest is made again.  Every
+process writes the same bytes, so that several may do it at once.
 
     CacheError(UserError, RuntimeError)   there is no folder to write to
 """
@@ -26,33 +26,33 @@ class CacheError(UserError, RuntimeError):
 
 def cache_folder() -> Path:
     """Return the user's cache folder of coastarc or, where that cannot be written, a temporary one."""
-    return _chosen()[0]
+    return _choose_folder()[0]
 
 
 def cache_note() -> str:
-    """Return in one line why the user's cache folder is not used, or nothing where it is."""
-    return _chosen()[1]
+    """Return in one line why the user's cache folder is not used, or an empty text where it is."""
+    return _choose_folder()[1]
 
 
 @functools.cache
-def _chosen() -> tuple[Path, str]:
+def _choose_folder() -> tuple[Path, str]:
     wanted = user_cache_path("coastarc")
     reason = _fault_of(wanted)
     if not reason:
         return wanted, ""
-    told = f"cache folder {wanted}: expected one that can be written, got {reason}"
+    problem = f"cache folder {wanted}: expected one that can be written, got {reason}"
     try:
         instead = Path(tempfile.gettempdir()) / f"coastarc-{os.getuid()}"
     except FileNotFoundError:
-        raise CacheError(f"{told}, and no folder for temporary files; {_REMEDY}") from None
-    # Machine code is loaded from it, so nobody else may have made it.
+        raise CacheError(f"{problem}, and no folder for temporary files; {_REMEDY}") from None
+    # Machine code is loaded from it, so no other user may own it.
     if fault := _fault_of(instead, is_shared=True):
-        raise CacheError(f"{told}, and for {instead} {fault}; {_REMEDY}")
-    return instead, f"{told}; using {instead}, which may be emptied; {_REMEDY}"
+        raise CacheError(f"{problem}, and for {instead} {fault}; {_REMEDY}")
+    return instead, f"{problem}; using {instead}, which may be emptied; {_REMEDY}"
 
 
 def _fault_of(folder: Path, is_shared: bool = False) -> str:
-    """Return why a folder is of no use, or nothing; it is made if need be, `is_shared` where anybody may."""
+    """Return why a folder, created if absent, cannot be used, or an empty text."""
     if not folder.is_absolute():
         return "no home"
     try:
@@ -67,7 +67,7 @@ def _fault_of(folder: Path, is_shared: bool = False) -> str:
 
 
 def seal(path: Path) -> None:
-    """Write the digest of a file beside it, whole or not at all.
+    """Write the digest of a file beside it, atomically.
 
     Parameters
     ----------

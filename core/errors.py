@@ -1,4 +1,4 @@
-"""What a user can cause and mend, and what a validator found wrong: `<field>: expected <what>, got <value>`.
+"""Errors that users can fix, and validation errors as text: `<field>: expected <what>, got <value>`.
 
 A fault is a dict with `type`, `loc`, `msg`, `input` and `ctx`, as pydantic gives it.  A model is a class with
 `model_fields`; which fields it knows and which part of a place is no field but a tag is read there.
@@ -9,7 +9,7 @@ from typing import Any, get_args
 
 
 class UserError(Exception):
-    """What a user can cause, and mend: its text is one line for them, and needs no traceback."""
+    """An error that the user can fix: its text is one line for them, shown without a traceback."""
 
 
 #: What was expected, by type of fault; names in braces are those of its context.
@@ -37,17 +37,17 @@ EXPECTED = {
     "model_attributes_type": "a table",
     "dict_type": "a table",
 }
-#: Longest value or name that is shown whole.
+#: Longest value or name that is shown in full.
 SHOWN = 80
-#: Faults that are listed; whoever has more of them is helped by the first.
+#: Most errors listed; of more the first ones suffice.
 MOST_FAULTS = 50
 
 
 def fault_lines(thing: str, faults: Iterable[Mapping[str, Any]], model: Any = None) -> list[str]:
-    """Return one line per fault of the data of a model; what follows from a deeper fault is left out."""
+    """Return one line per validation error of a model's data, without those implied by a deeper one."""
     listed = list(faults)
     places = [tuple(fault["loc"]) for fault in listed]
-    # Everything that a fault is inside of, once: tens of thousands of faults are one request away.
+    # All prefixes of locations, once: a single request can have tens of thousands of errors.
     outer = {place[:end] for place in places for end in range(len(place))}
     lines: list[str] = []
     for fault, place in zip(listed, places, strict=True):
@@ -60,18 +60,18 @@ def fault_lines(thing: str, faults: Iterable[Mapping[str, Any]], model: Any = No
 
 
 def _lines(thing: str, fault: Mapping[str, Any], model: Any) -> list[str]:
-    path, known = _walked(fault["loc"], model)
+    path, known = _resolve(fault["loc"], model)
     place = ".".join([thing, *path])
     message = _message(fault, known)
-    # A message about nested data may name the places in it.
+    # A message about nested data may include locations in it.
     inner = message.splitlines()
     if path and all(line.startswith((f"{path[-1]}.", f"{path[-1]}:")) for line in inner):
         return [f"{place.removesuffix(path[-1])}{line}" for line in inner]
     return [f"{place}: {message}"]
 
 
-def _walked(loc: Iterable[Any], model: Any) -> tuple[list[str], list[str]]:
-    """Return a place without the tags of unions, and the fields of the model that its last part is in."""
+def _resolve(loc: Iterable[Any], model: Any) -> tuple[list[str], list[str]]:
+    """Return a location without the tags of unions, and the fields of the model of its last part."""
     path: list[str] = []
     models, known = [model], _fields(model)
     for part in loc:
@@ -108,12 +108,12 @@ def _models(annotation: Any) -> list[Any]:
 def _message(fault: Mapping[str, Any], known: list[str]) -> str:
     kind, context = fault["type"], fault.get("ctx", {})
     if kind == "extra_forbidden":
-        return f"expected one of {', '.join(known)}, got unknown key {_shown(fault['loc'][-1])}"
+        return f"expected one of {', '.join(known)}, got unknown key {_preview(fault['loc'][-1])}"
     if kind in EXPECTED:
         limits = {name: _plain(value) for name, value in context.items()}
         return f"expected {EXPECTED[kind].format(**limits)}, got {_got(fault, context)}"
     message = str(fault["msg"]).removeprefix("Value error, ").replace("Input should be ", "expected ")
-    return message if "got " in message else f"{message}, got {_shown(fault['input'])}"
+    return message if "got " in message else f"{message}, got {_preview(fault['input'])}"
 
 
 def _got(fault: Mapping[str, Any], context: Mapping[str, Any]) -> str:
@@ -121,14 +121,14 @@ def _got(fault: Mapping[str, Any], context: Mapping[str, Any]) -> str:
         return "none"
     if "actual_length" in context:
         return str(context["actual_length"])
-    return _shown(context["tag"]) if "tag" in context else _shown(fault["input"])
+    return _preview(context["tag"]) if "tag" in context else _preview(fault["input"])
 
 
 def _plain(value: Any) -> Any:
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
-def _shown(value: Any) -> str:
+def _preview(value: Any) -> str:
     if isinstance(value, Mapping) or hasattr(type(value), "model_fields"):
         return "a table"
     try:
@@ -139,6 +139,6 @@ def _shown(value: Any) -> str:
 
 
 def _printable(text: str) -> str:
-    """Return a text that is short, and that UTF-8 can carry."""
+    """Return a text truncated, and escaped where UTF-8 cannot encode it."""
     shown = text if len(text) <= SHOWN else f"{text[:SHOWN]}..."
     return shown.encode("utf-8", "backslashreplace").decode()

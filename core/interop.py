@@ -1,9 +1,9 @@
 """P_k as a user-defined problem of pygmo, so that other optimizers can be tried on it.
 
-pygmo asks an object for methods of certain names, so nothing of it is imported here: `pygmo.problem(
+pygmo calls methods of certain names, so it is not imported here: `pygmo.problem(
 PygmoProblem(problem))` is all, with pygmo installed by the extra `pygmo`.  Fitness is -m_f of the reference,
 to be minimized, then the defects as equality constraints.  Units are canonical throughout, in which
-variables, objective and partials are near 1, as optimizers without a scaling of their own need it;
+variables, objective and partials are near 1, as needed by optimizers without scaling of their own;
 `to_pygmo` and `from_pygmo` convert decision vectors.
 """
 
@@ -112,7 +112,7 @@ class PygmoProblem:
         return f"coastarc P_{self.problem.k}"
 
     def get_extra_info(self) -> str:
-        """Return what distinguishes this problem from others."""
+        """Return the parameters that identify this problem."""
         outages = [f"{outage.segment} ({outage.duration_days:g} d)" for outage in self.problem.outages]
         return (
             f"\tProblem hash: {self.problem.hash}"
@@ -130,7 +130,7 @@ class PygmoProblem:
         return np.tile(each, 1 + self.problem.k)
 
     def to_pygmo(self, x: Array) -> Array:
-        """Return a decision vector as pygmo sees it.
+        """Return a decision vector in pygmo's canonical units.
 
         Parameters
         ----------
@@ -174,5 +174,5 @@ class PygmoProblem:
         return self
 
     def __reduce__(self) -> tuple[type[Self], tuple[Problem, float]]:
-        """Pickle what it is made of; tables and plans are made again where they are needed."""
+        """Pickle the constructor's arguments; tables and plans are rebuilt on unpickling."""
         return type(self), (self.problem, self.transcription.tolerance)

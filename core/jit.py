@@ -1,10 +1,10 @@
-"""The one way in which coastarc compiles its kernels, and where the machine code is kept.
+"""Compilation of the kernels with numba, and the cache of their machine code.
 
-Numba notices a change in the file of a kernel, but not in a file that the kernel calls into.  So the
-cache folder is named by a hash of all sources that a kernel can see, those from transcription downwards:
-changed code never meets stale machine code.  It is named by their place as well: numba asks for the times of
-the files too, and two copies of coastarc would throw away each other's kernels.  Each file of the cache ends
-with a digest, without which numba would load, and run, whatever it holds.
+Numba detects a change in the file of a kernel, but not in a file that the kernel calls into.  So the name of
+the cache folder has a hash of all sources that a kernel can use, those from transcription downwards: stale
+machine code is never used.  It also has a hash of their path: numba compares the times of the files too, and
+two copies of coastarc would invalidate each other's kernels.  Each file of the cache ends with a digest,
+without which numba would load and run damaged content.
 """
 
 import hashlib
@@ -22,7 +22,7 @@ from core.cache import cache_folder
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 
-#: Folders that hold kernels, or what kernels import; imports point down, so nothing above is compiled.
+#: Folders of kernels and of what they import; imports point down, so nothing above is compiled.
 KERNEL_FOLDERS = ("", "ephemeris", "orbits", "dynamics", "transcription")
 
 
@@ -47,7 +47,7 @@ class _SealedFiles(IndexDataCacheFile):
         with super()._open_for_write(filepath) as stream:
             content = io.BytesIO()
             yield content
-            # Numba reads pickles, which end before what follows them.
+            # Numba reads pickles, which ignore trailing bytes.
             stream.write(content.getvalue() + _seal(content.getvalue()))
 
     def _load_index(self) -> dict[Any, str]:
@@ -96,7 +96,7 @@ def compiled(kernel: Kernel) -> Kernel:
     each place that it is inlined, and then a process that compiles and one that loads disagree.
     """
     if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
-        # As where the documentation is made: a kernel is then the function that it is written as.
+        # As when building the documentation: a kernel is then the plain Python function.
         return kernel
     with _cached_here():
         dispatcher: Any = numba.njit(cache=True, error_model="numpy")(kernel)

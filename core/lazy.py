@@ -1,6 +1,6 @@
 """Names of a package that are imported when they are first asked for (PEP 562).
 
-What flies arcs is compiled with numba: whoever reads a specification or verifies a solution loads none of it.
+Modules that propagate arcs import numba; reading a specification or verifying a solution does not need them.
 """
 
 import sys

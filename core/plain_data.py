@@ -22,7 +22,7 @@ _MARKS = {
 
 
 class TextError(ValueError):
-    """Bytes that are no text; the message says what they are."""
+    """Bytes that are not text in a known encoding; the message says what was found."""
 
 
 def read_text(path: Path) -> str:
@@ -56,7 +56,7 @@ def text_of(content: bytes) -> str:
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
-#: Longest text that comes over the network, and longest file of this machine's own users [byte].
+#: Longest text from the network, and longest file of local users [byte].
 MOST_TEXT_BYTES, MOST_FILE_BYTES = 64 * 1024, 1024 * 1024
 #: Longest line of TOML [character]: two thousand cases of two outages in one list have 24,000.
 MOST_LINE = 32 * 1024
@@ -65,7 +65,7 @@ MOST_KEY_PARTS, MOST_NESTED = 16, 32
 #: Integers have fewer bits; the largest that any field takes has 63.
 MOST_BITS = 128
 
-# Each token has one way to match, so the time is linear whatever the text.
+# Each token matches in one way only, so the time is linear for any text.
 _STRINGS = (
     r'"""(?:[^"\\]|\\.?|"(?!""))*+(?:"{3,5})?',
     r"'''(?:[^']|'(?!''))*+(?:'{3,5})?",
@@ -135,7 +135,7 @@ def _require_size(text: str, most_bytes: int) -> None:
 
 
 def _require_flat_toml(text: str) -> None:
-    """Refuse keys of many parts and brackets within many brackets."""
+    """Raise ValueError for keys of many parts and deeply nested brackets."""
     parts = depth = 0
     is_joined = False
     for match in _TOML_TOKEN.finditer(text):
@@ -170,7 +170,7 @@ def _at(text: str, place: int, expected: str) -> TextError:
 
 
 def _require_small_integers(data: Any) -> None:
-    """Refuse integers that no message could show."""
+    """Raise ValueError for integers too large to print."""
     left = [data]
     while left:
         value = left.pop()

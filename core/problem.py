@@ -1,7 +1,7 @@
 """P_k: a transfer with k outages, as data that is validated and hashed.
 
-What flows in: TOML, JSON or keyword arguments.  What flows out: a frozen `Problem` in public units
-(km, km/s, kg, days, TDB epochs); everything else in core is a function of it.
+Input: TOML, JSON or keyword arguments.  Output: a frozen `Problem` in public units (km, km/s, kg, days, TDB
+epochs); everything else in core is a function of it.
 """
 
 import functools
@@ -44,10 +44,10 @@ _EPOCH = re.compile(r"(\d{4})-(\d\d)-(\d\d)T(\d\d):(\d\d):(\d\d)(?:\.(\d{1,6}))?
 
 
 class ProblemError(UserError, ValueError):
-    """A problem that cannot be: the message names each field, what was expected and what came."""
+    """An invalid problem: the message names each field, the expected and the given value."""
 
 
-def _checked_epoch(text: str) -> str:
+def _check_epoch(text: str) -> str:
     if not _EPOCH.fullmatch(text):
         raise ValueError("expected a TDB epoch YYYY-MM-DDTHH:MM:SS without zone")
     et = seconds_past_j2000(text)
@@ -87,7 +87,7 @@ def calendar_epoch(et: float) -> str:
     return str(moment)
 
 
-Epoch = Annotated[str, AfterValidator(_checked_epoch)]
+Epoch = Annotated[str, AfterValidator(_check_epoch)]
 Vector = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0)]
 
@@ -193,7 +193,7 @@ class SpkTarget(_Strict):
         try:
             if not self.path.is_file():
                 raise ValueError(f"expected an SPK file, got {self.path}, which is not a file")
-            # Whoever runs a job stands in another folder.
+            # Jobs run in another working directory.
             absolute = self.model_copy(update={"path": self.path.resolve()})
             digest = absolute.digest_now()
         except OSError as error:
@@ -370,7 +370,7 @@ class Problem(_Strict):
             _require_possible(outages, self.n_segments)
             return self.model_copy(update={"outages": outages})
         except ValueError:
-            # Says what is wrong in the words of a problem.
+            # Reports errors as those of a problem.
             return self.with_outages(case)
 
     @property
@@ -438,7 +438,7 @@ def definitions_of(problems: Sequence[Problem]) -> list[dict[str, Any]]:
 
 
 def _is_of_one_family(first: Problem, other: Problem) -> bool:
-    """Return whether all but the outages are the same objects: equal zeros may differ in sign."""
+    """Return whether all but the outages are identical objects: equal zeros may differ in sign."""
     return all(getattr(first, name) is getattr(other, name) for name in _SHARED)
 
 
@@ -479,8 +479,7 @@ def load_problem(path_or_preset: str | Path) -> Problem:
     Parameters
     ----------
     path_or_preset : str or Path
-        A name from `presets()`, or a file ending in .toml or .json; in a campaign file the
-        table `problem` is read.
+        A name from `presets()`, or a .toml or .json file; of a campaign file the table `problem` is read.
 
     Raises
     ------
@@ -504,35 +503,35 @@ def load_problem(path_or_preset: str | Path) -> Problem:
 
 
 def require_physical(problem: Problem, name: str = "problem") -> None:
-    """Refuse values that no spacecraft near the Earth has, and which are slips of a unit more likely.
+    """Raise ProblemError for values implausible near the Earth, which are probably slips of a unit.
 
-    Definitions that an archive holds are read by `problem_from` alone, so that none becomes unreadable.
+    Definitions stored in an archive are read by `problem_from` alone, so that none becomes unreadable.
 
     Parameters
     ----------
     problem : Problem
-        What a user wrote, its fields in order.
+        The problem as given by the user.
     name : str
         What it is called in messages.
 
     Raises
     ------
     ProblemError
-        One line per field: what was expected, what came, and the likely slip.
+        One line per field: the expected and the given value, and the likely slip.
     """
     if faults := slips(problem):
         raise ProblemError("\n".join(f"{name}.{fault}" for fault in faults))
 
 
 def beside(fields: Any, folder: Path) -> Any:
-    """Return the fields of a problem, the file of its target looked for in a folder where it is relative."""
+    """Return the fields of a problem, a relative path of its target resolved in a folder."""
     target = fields.get("target") if isinstance(fields, Mapping) else None
     if not isinstance(target, Mapping) or not isinstance(target.get("path"), str):
         return fields
     try:
         path = str((folder / target["path"]).resolve())
     except (OSError, ValueError):
-        return fields  # The check of the field says what is wrong with it.
+        return fields  # The validation of the field reports the error.
     return {**fields, "target": {**target, "path": path}}
 
 
@@ -550,7 +549,7 @@ def problem_from(fields: Any) -> Problem:
         raise ProblemError(f"problem: expected a table of fields, got {type(fields).__name__}")
     given = dict(fields)
     try:
-        problem = Problem.model_validate(_merged(_preset(given.pop("preset", None)), given))
+        problem = Problem.model_validate(_merge(_preset(given.pop("preset", None)), given))
     except ValidationError as error:
         raise ProblemError(validation_message("problem", error, Problem)) from error
     return _with_target_read(problem)
@@ -583,13 +582,13 @@ def _preset(name: str | None) -> dict[str, Any]:
     return read_toml((_preset_folder() / f"{name}.toml").read_text(encoding="utf-8"))
 
 
-def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Lay changes over base; a table of another kind replaces the old one whole."""
+def _merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Merge changes into base; a table of another kind replaces the old one completely."""
     merged = dict(base)
     for key, value in changes.items():
         old = merged.get(key)
         if isinstance(value, Mapping) and isinstance(old, Mapping) and _same_kind(value, old):
-            merged[key] = _merged(old, value)
+            merged[key] = _merge(old, value)
         else:
             merged[key] = value
     return merged

@@ -1,4 +1,4 @@
-"""How the spacecraft moves: the force model in, states and their partials at the end of an arc out."""
+"""Dynamics of the spacecraft: the force model, and states with partials at the end of an arc."""
 
 from core.dynamics.dop853 import (
     COAST,

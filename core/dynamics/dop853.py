@@ -58,7 +58,7 @@ _PLACE = 13
 
 @compiled
 def no_trail() -> Array:
-    """Return what `integrate` takes for its trail where there is nothing to record."""
+    """Return an empty trail for `integrate`, which then records nothing."""
     return np.empty((0, TRAIL_WIDTH))
 
 
@@ -137,7 +137,7 @@ def integrate(
     work: Array,
     trail: Array,
 ) -> int:
-    """Do what `propagate` does, and record the stages for quadratures along the arc.
+    """Propagate as `propagate` does, and record the stages for quadratures along the arc.
 
     Parameters
     ----------
@@ -227,7 +227,7 @@ def _is_below(surfaces: Array, r: Array, field: Array) -> bool:
 
 @compiled
 def _record(field: Array, work: Array, row: Array) -> None:
-    """Write where columns and bodies are at a stage."""
+    """Write the positions of columns and bodies at a stage."""
     for i in range(3):
         for q in range(THRUST):
             row[THRUST * i + q] = work[_PLACE, i, q]
@@ -255,7 +255,7 @@ def _first_step(gm: Array, field: Array, r: Array, tolerance: float) -> float:
 
 @compiled
 def _stay(r: Array, work: Array) -> None:
-    """Make the first stage's place that of the step's beginning."""
+    """Set the first stage's positions to those at the beginning of the step."""
     for i in range(3):
         for q in range(r.shape[1]):
             work[_PLACE, i, q] = r[i, q]
@@ -263,7 +263,7 @@ def _stay(r: Array, work: Array) -> None:
 
 @compiled
 def _stage_place(s: int, h: float, r: Array, v: Array, work: Array) -> None:
-    """Write the places of all columns at a stage; the arrays are flat, for loops worth vectorizing."""
+    """Write the positions of all columns at a stage; the arrays are flat, so that loops vectorize."""
     for q in range(r.shape[0]):
         work[_PLACE, q] = r[q] + _C[s] * h * v[q]
     for p in range(s):
@@ -383,7 +383,7 @@ def bend_along(
     bend: Array,
     moments: Array,
 ) -> None:
-    """Integrate what gravity and thrust bend, docs/method.md eqs. 26-29.
+    """Integrate the second derivatives of gravity and thrust, docs/method.md eqs. 26-29.
 
     Parameters
     ----------

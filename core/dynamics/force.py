@@ -21,7 +21,7 @@ FIELD_WIDTH = 16
 
 
 class ForceModel(NamedTuple):
-    """What the equations of motion need, in a form that compiled code can take."""
+    """The data of the equations of motion, in a form that compiled code accepts."""
 
     #: (4,) gravitational parameters of Earth, Moon, Sun, Jupiter [LU^3/TU^2].
     gm: Array
@@ -52,7 +52,7 @@ def force_model(problem: Problem, bodies: EphemerisTable) -> ForceModel:
 
 
 def field_table(gm: Array, bodies: EphemerisTable) -> EphemerisTable:
-    """Return a table of bodies with three columns more: how Moon, Sun and Jupiter accelerate the Earth.
+    """Return a table of bodies with three more columns: the Earth's acceleration by Moon, Sun and Jupiter.
 
     The fall of the Earth depends on time alone, and a polynomial costs a tenth of its three roots.  Columns
     of zeros follow: compilers vectorize no loop that is shorter than 16.
@@ -262,7 +262,7 @@ def gravity_bend(
 def gravity_rate(
     gm: Array, field: Array, moves: Array, x: float, y: float, z: float
 ) -> tuple[float, float, float]:
-    """Return the partial derivative of `gravity` by time, the spacecraft held in place.
+    """Return the partial derivative of `gravity` by time, with the spacecraft's position fixed.
 
     Parameters
     ----------

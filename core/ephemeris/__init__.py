@@ -1,4 +1,4 @@
-"""Where the bodies are: SPICE kernels in, Chebyshev tables for the compiled numerics out.
+"""Ephemerides: from SPICE kernels to Chebyshev tables for the compiled numerics.
 
 `kernels` loads DE440, `tables` fits and evaluates, `spk` writes and reads spacecraft orbits.
 """

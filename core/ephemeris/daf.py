@@ -1,10 +1,10 @@
-"""A user's SPK as bytes: what must hold before SPICE, which believes every word of a file, may read it.
+"""Validation of a user's SPK as bytes, before SPICE, which does not check a file, reads it.
 
-A DAF is made of records of 1024 bytes: the first says how the file is laid out, a chain of others lists the
-segments, each with two epochs and six integers.  Words of 8 bytes are addressed from 1.  Epochs: TDB s past
-J2000.
+A DAF consists of records of 1024 bytes: the first describes the layout of the file, a linked list of others
+the segments, each with two epochs and six integers.  Words of 8 bytes are addressed from 1.  Epochs: TDB s
+past J2000.
 
-    SpkError(UserError, RuntimeError)   a kernel that does not hold what is asked of it
+    SpkError(UserError, RuntimeError)   an invalid kernel, or one without the requested data
 """
 
 import os
@@ -31,11 +31,11 @@ _LONGEST_RECORD, _HIGHEST_DEGREE = 197, 27
 
 
 class SpkError(UserError, RuntimeError):
-    """A kernel that does not hold what is asked of it."""
+    """An invalid kernel, or one without the requested data."""
 
 
 class Segment(NamedTuple):
-    """What the summary of a segment says."""
+    """The summary of a segment."""
 
     start_et: float
     stop_et: float
@@ -50,7 +50,7 @@ class Segment(NamedTuple):
 
 
 def segments_of(path: Path) -> tuple[Segment, ...]:
-    """Return the segments of an SPK in order, each of which lies in the file and has the length that it says.
+    """Return the segments of an SPK in order, each checked to lie in the file and to have its stated length.
 
     Parameters
     ----------
@@ -84,12 +84,14 @@ def _segments(path: Path, stream: BinaryIO) -> Iterator[Segment]:
     place = fward
     while place != 0:
         if place in seen or not 1 < place <= n_words // _WORDS_OF_RECORD:
-            raise _broken(path, f"a list of segments that leads to record {place}")
+            raise _corrupt_error(path, f"a list of segments that leads to record {place}")
         seen.add(place)
         words = _words(stream, order, (place - 1) * _WORDS_OF_RECORD + 1, _WORDS_OF_RECORD)
         following, _, n_summaries = words[:3].tolist()
         if not (_is_count(n_summaries, _MOST_SUMMARIES) and _is_count(following, n_words)):
-            raise _broken(path, f"{n_summaries:g} segments in record {place}, and {following:g} as the next")
+            raise _corrupt_error(
+                path, f"{n_summaries:g} segments in record {place}, and {following:g} as the next"
+            )
         for n in range(int(n_summaries)):
             row = words[3 + 5 * n : 8 + 5 * n]
             segment = Segment(*row[:2].tolist(), *row[2:].copy().view(f"{order}i4").tolist())
@@ -110,7 +112,9 @@ def _byte_order(path: Path, head: bytes) -> str:
         raise SpkError(f"target {path}: expected an SPK kernel, got a file of kind {kind}")
     order = _BYTE_ORDERS.get(head[88:96])
     if len(head) < _RECORD or order is None or _integers(head, order, 8, 2) != [2, 6]:
-        raise _broken(path, f"a first record with the format {head[88:96].decode('ascii', 'replace')!r}")
+        raise _corrupt_error(
+            path, f"a first record with the format {head[88:96].decode('ascii', 'replace')!r}"
+        )
     return order
 
 
@@ -118,22 +122,22 @@ def _check(path: Path, stream: BinaryIO, order: str, segment: Segment, n_words: 
     """Check that a segment lies in the file, is of a known type, and is as long as its own counts say."""
     named = f"a segment of {segment.body}, type {segment.kind},"
     if not -np.inf < segment.start_et <= segment.stop_et < np.inf:
-        raise _broken(path, f"{named} from {segment.start_et} to {segment.stop_et} s")
+        raise _corrupt_error(path, f"{named} from {segment.start_et} to {segment.stop_et} s")
     if not _WORDS_OF_RECORD < segment.first <= segment.last <= n_words:
-        raise _broken(path, f"{named} at words {segment.first} to {segment.last} of {n_words}")
+        raise _corrupt_error(path, f"{named} at words {segment.first} to {segment.last} of {n_words}")
     if segment.kind not in TYPES:
         raise SpkError(f"target {path}: expected segments of types that SPICE reads, got type {segment.kind}")
     n_own = segment.last - segment.first + 1
     tail = _words(stream, order, max(segment.first, segment.last - 3), min(4, n_own))
     if len(tail) == 4 and not _fits(segment.kind, n_own, *tail.tolist()):
-        raise _broken(path, f"{named} of {n_own} words that ask for another number")
+        raise _corrupt_error(path, f"{named} of {n_own} words that ask for another number")
     if segment.kind in (5, 9, 13):
         n = int(tail[3])
         epochs, again = np.split(_words(stream, order, segment.first + 6 * n, n + (n - 1) // 100), [n])
         if not (np.all(np.isfinite(epochs)) and np.all(np.diff(epochs) > 0)):
-            raise _broken(path, f"{named} whose epochs do not rise")
+            raise _corrupt_error(path, f"{named} whose epochs do not rise")
         if not np.array_equal(epochs[99::100][: len(again)], again):
-            raise _broken(path, f"{named} whose directory lists other epochs")
+            raise _corrupt_error(path, f"{named} whose directory lists other epochs")
 
 
 def _fits(kind: int, n_own: int, begin: float, length: float, third: float, last: float) -> bool:
@@ -172,5 +176,5 @@ def _words(stream: BinaryIO, order: str, address: int, number: int) -> NDArray[n
     return np.frombuffer(stream.read(_WORD * number), f"{order}f8")
 
 
-def _broken(path: Path, found: str) -> SpkError:
+def _corrupt_error(path: Path, found: str) -> SpkError:
     return SpkError(f"target {path}: expected a sound SPK kernel, got {found}; make or copy it again")

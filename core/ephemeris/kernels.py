@@ -31,7 +31,7 @@ _SPICE = threading.RLock()
 
 
 def one_at_a_time(function: Callable[P, R]) -> Callable[P, R]:
-    """Let one thread at a time into functions that call SPICE."""
+    """Serialize calls of functions that use SPICE, which is not thread-safe."""
 
     @functools.wraps(function)
     def serialized(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -93,7 +93,7 @@ def _furnish_once(pid: int, path: Path) -> None:
 
 
 def _furnish_first(path: Path) -> None:
-    """Load a kernel in front of all others: two orbits may bear one identifier, and SPICE takes the last."""
+    """Load a kernel in front of all others: SPICE uses the last one loaded of those with the same id."""
     _check_file(path)
     name, facts = spice_name(path), path.stat()
     content = (facts.st_ino, facts.st_mtime_ns, facts.st_size)
@@ -123,7 +123,7 @@ def _unload(path: Path) -> None:
 
 
 def spice_name(path: Path) -> str:
-    """Return a path as SPICE takes it, in whose tables names have 255 bytes and lose their last blanks.
+    """Return a path as SPICE accepts it: names have at most 255 bytes and no trailing blanks.
 
     Raises
     ------

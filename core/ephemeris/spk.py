@@ -2,8 +2,8 @@
 
 Frame: J2000 axes, origin at the Moon.  Units: km, TDB s past J2000.
 
-What a user's kernel holds is found in three steps: `core.ephemeris.daf` reads it as bytes, `orbit_of` has a
-process of its own do with it all that SPICE would do here, and only then it is loaded into this one.
+A user's kernel is read in three steps: `core.ephemeris.daf` validates its bytes, `orbit_of` runs all later
+SPICE calls in a separate process, and only then it is loaded into this one.
 """
 
 import functools
@@ -68,7 +68,7 @@ class ChebyshevOrbit:
 
 
 def write_orbit(path: Path, naif_id: int, orbit: ChebyshevOrbit, comment: str) -> None:
-    """Write an orbit as an SPK that appears whole or not at all, also while others write the same.
+    """Write an orbit as an SPK atomically, also while others write the same.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def write_orbit(path: Path, naif_id: int, orbit: ChebyshevOrbit, comment: str) -
 
 @contextmanager
 def new_spk(path: Path, comment: str) -> Iterator[int]:
-    """Give the handle of a new SPK; the file appears when the block ends, or not at all.
+    """Yield the handle of a new SPK, which is written atomically when the block ends.
 
     Parameters
     ----------
@@ -195,16 +195,16 @@ def check_coverage(path: Path, naif_id: int, start_et: float, stop_et: float) ->
             f"target {path}: expected {naif_id} in a frame that is built into SPICE, like J2000, got frame "
             f"{other[0]}, which needs further kernels; write it in J2000"
         )
-    covered = _joined((segment.start_et, segment.stop_et) for segment in own)
+    covered = _merge_spans((segment.start_et, segment.stop_et) for segment in own)
     if not any(start <= start_et and stop_et <= stop for start, stop in covered):
         raise SpkError(
             f"target {path}: expected {naif_id} over {calendar_epoch(start_et)}..{calendar_epoch(stop_et)}, "
-            f"got {_shown(covered, start_et, stop_et)}"
+            f"got {_coverage_text(covered, start_et, stop_et)}"
         )
 
 
-def _joined(spans: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Return spans in order, those that touch as one."""
+def _merge_spans(spans: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return sorted spans, with overlapping and adjacent ones merged."""
     joined: list[tuple[float, float]] = []
     for start, stop in sorted(spans):
         if joined and start <= joined[-1][1]:
@@ -214,8 +214,8 @@ def _joined(spans: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
     return joined
 
 
-def _shown(covered: list[tuple[float, float]], start_et: float, stop_et: float) -> str:
-    """Return what is covered, or the first gap if there are gaps in the span alone."""
+def _coverage_text(covered: list[tuple[float, float]], start_et: float, stop_et: float) -> str:
+    """Return the coverage as text, or the first gap if the span has only gaps."""
     gaps = [(before[1], after[0]) for before, after in itertools.pairwise(covered)]
     inside = [(stop, start) for stop, start in gaps if stop < stop_et and start > start_et]
     if inside and covered[0][0] <= start_et and stop_et <= covered[-1][1]:
@@ -313,7 +313,7 @@ def orbit_of(path: Path, naif_id: int, start_et: float, stop_et: float, digest: 
 
 
 def try_out(path: str, naif_id: int, start_et: float, stop_et: float) -> None:
-    """Read an orbit and write it to standard output, or say in one line why not; for a process of its own.
+    """Read an orbit and write it to standard output, or one line of error; runs in a separate process.
 
     Parameters
     ----------

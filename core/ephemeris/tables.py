@@ -92,7 +92,7 @@ def body_table(
 
     begin = start_days * SECONDS_PER_DAY if is_fine else first
     nodes = record_nodes(begin, record_days * SECONDS_PER_DAY, n_records, BODY_COEFFICIENTS)
-    position = partial(_bridged_positions, origin_et) if is_fine else _body_positions
+    position = partial(_precise_positions, origin_et) if is_fine else _body_positions
     samples = [[position(time) for time in record] for record in nodes]
     coefficients = coefficients_through(np.array(samples) / LU_KM)
     return EphemerisTable(start_days / TU_DAYS, record_days / TU_DAYS, coefficients)
@@ -102,7 +102,7 @@ def _body_positions(et: float) -> Array:
     return np.concatenate([spiceypy.spkpos(body, et, "J2000", "NONE", "EARTH")[0] for body in BODIES])
 
 
-def _bridged_positions(origin_et: float, seconds: float) -> Array:
+def _precise_positions(origin_et: float, seconds: float) -> Array:
     """Return positions (9,) [km] some seconds past an origin, free of the grid of seconds past J2000.
 
     On it the Moon is off by up to 6e-8 km; derivatives of the polynomials make 1e-10 km/s of that, and low

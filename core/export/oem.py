@@ -1,8 +1,8 @@
 """One trajectory as an Orbit Ephemeris Message: CCSDS 502.0-B-2, version 2.0, in keywords and values.
 
-A message is about one object, so every trajectory has its own.  Its segments are the arcs: between two of
-them the control changes, and no interpolation is to run across.  Mass and thrust, for which the message has
-no place, stand in the comments of each segment.
+A message describes one object, so every trajectory has its own.  Its segments are the arcs: between two of
+them the control changes, and interpolation must not cross.  Mass and thrust, for which the message has
+no field, are in the comments of each segment.
 """
 
 from collections.abc import Iterator, Sequence

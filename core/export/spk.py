@@ -27,7 +27,7 @@ def body_id(index: int, first_id: int = FIRST_ID) -> int:
 def write_spk(
     path: Path, trajectories: Sequence[ExportedTrajectory], comment: str, first_id: int = FIRST_ID
 ) -> None:
-    """Write trajectories as an SPK that appears whole or not at all.
+    """Write trajectories as an SPK, atomically.
 
     Parameters
     ----------

@@ -29,18 +29,18 @@ from core.problem import Outage, Problem
 Array = NDArray[np.float64]
 
 #: Samples per radian of the local circular orbit.  With these, and polynomials of `DEGREE` through positions
-#: and velocities, what is read between two samples is the flight itself to a millimetre.
+#: and velocities, interpolation between two samples is accurate to a millimetre.
 SAMPLES_PER_RADIAN = 40.0
 #: Degree of the Hermite polynomials that states are to be read with, through four samples.
 DEGREE = 7
 #: Relative tolerance of the integrator [-].
 TOLERANCE = 1e-13
-#: An arc that is shorter is left out [s]: neighbouring epochs must differ, and in it nothing moves a metre.
+#: Shorter arcs are dropped [s]: neighbouring epochs must differ, and motion in them is below a metre.
 SHORTEST_S = 1e-3
 
 
 class ExportError(UserError, ValueError):
-    """A solution that cannot be written down; the message says why."""
+    """A solution that cannot be exported; the message says why."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +72,7 @@ class ExportedArc:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExportedTrajectory:
-    """The reference (number 0) or a realization, whole: it flies the reference until its outage."""
+    """The reference (number 0) or a complete realization, which follows the reference until its outage."""
 
     index: int
     #: The outage that it recovers from; None for the reference.
@@ -106,7 +106,7 @@ def trajectory_name(index: int) -> str:
 def export_states(
     problem: Problem, x: Array, samples_per_radian: float = SAMPLES_PER_RADIAN
 ) -> tuple[ExportedTrajectory, ...]:
-    """Return the reference and every realization as states, dense enough to be interpolated.
+    """Return the reference and every realization as states, dense enough for interpolation.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def export_states(
                 outage=flown.outage,
                 matchpoint_et=departure_et + float(flown.days[flown.matchpoint]) * SECONDS_PER_DAY,
                 outage_et=float(whole[index][0].et[0]) if flown.outage else None,
-                arcs=tuple(_without_shortest([*before, *whole[index]])),
+                arcs=tuple(_drop_shortest([*before, *whole[index]])),
             )
         )
     return tuple(exported)
@@ -182,22 +182,22 @@ def _arc(
     )
 
 
-def _without_shortest(arcs: Iterable[ExportedArc]) -> list[ExportedArc]:
-    """Leave out arcs that are too short, and begin the next one where they began."""
+def _drop_shortest(arcs: Iterable[ExportedArc]) -> list[ExportedArc]:
+    """Drop arcs that are too short, and extend the next one back to their start."""
     kept: list[ExportedArc] = []
     begin_et: float | None = None
     for arc in arcs:
         if arc.et[-1] - arc.et[0] < SHORTEST_S:
             begin_et = float(arc.et[0]) if begin_et is None else begin_et
             continue
-        kept.append(arc if begin_et is None else _begun(arc, begin_et))
+        kept.append(arc if begin_et is None else _extend_back(arc, begin_et))
         begin_et = None
     return kept
 
 
-def _begun(arc: ExportedArc, begin_et: float) -> ExportedArc:
+def _extend_back(arc: ExportedArc, begin_et: float) -> ExportedArc:
     et, states = arc.et.copy(), arc.states.copy()
-    # In a millisecond a straight line is off by less than a micrometre.
+    # Over a millisecond linear extrapolation is accurate to a micrometre.
     states[0, :3] -= states[0, 3:6] * (et[0] - begin_et)
     et[0] = begin_et
     return replace(arc, et=et, states=states)

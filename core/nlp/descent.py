@@ -1,6 +1,6 @@
-"""Descent: a lifted problem with throttle vectors, moved by Gauss-Newton steps until its defects close.
+"""Descent: Gauss-Newton steps on a lifted problem with throttle vectors until its defects close.
 
-The phases of a solve are here too: reach the target, respect the thrust limit, save propellant.
+It has the phases of a solve: reach the target, respect the thrust limit, save propellant.
 
 z is canonical.  A throttle vector has no singular direction where a segment coasts, and its length may pass
 1 on the way to a solution.  A step minimizes the quadratic model of a cost of throttles and shooting time,
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-# Lengths by which a step is measured [LU, VU, MU, TU], measured: nodes that move ten times as far are lost.
+# Scales of a step [LU, VU, MU, TU], tuned: solves diverge if nodes move ten times as far.
 _NODE_POSITION, _NODE_VELOCITY, _MASS, _TIME = 0.03, 0.1, 0.1, 0.1
 # Kept between a time and its bound, so that rounding does not pass it [TU].
 _MARGIN = 1e-6
@@ -96,8 +96,8 @@ class ThrustVectors:
         self.transcription.fill_nodes(self.transcription.vectors, z)
         return z
 
-    def lengthened(self, start: Array) -> Array:
-        """Return a start with shooting times halfway to their latest, flown afresh with its controls."""
+    def lengthen(self, start: Array) -> Array:
+        """Return a start with shooting times halfway to their upper bounds, propagated with its controls."""
         z = start.copy()
         places = self.bounded[self.is_shooting]
         z[places] += 0.5 * (self.highest[self.is_shooting] - z[places])
@@ -130,7 +130,7 @@ class ThrustVectors:
         return np.asarray(np.sqrt((z[self.controls] ** 2).sum(axis=1)))
 
     def inside(self, z: Array) -> Array:
-        """Return z with what is bounded in its bounds; lengths of throttle vectors are the cost's affair."""
+        """Return z projected into its bounds; the cost limits the lengths of throttle vectors."""
         z[self.bounded] = np.clip(z[self.bounded], self.lowest, self.highest)
         return z
 
@@ -145,7 +145,7 @@ class ThrustVectors:
         return free
 
     def _balance_mass(self, z: Array, index: int) -> None:
-        """Set a final mass to what the throttles leave, and forget the nodes; first put the times inside."""
+        """Put the times inside their bounds, make the final mass consistent, and drop the nodes."""
         self.inside(z)
         transcription = self.transcription
         trajectory, reference = transcription.layout.trajectories[index], transcription.layout.reference
@@ -192,7 +192,7 @@ class Cost:
     rounding: float = 0.1
     #: Weight of the squared excess over the limit, halved, in the mean over the reference's segments.
     penalty: float = 0.0
-    #: Share of the throttle's upper bound that is the limit.
+    #: The limit, as a fraction of the throttle's upper bound.
     limit: float = 0.97
 
     def value(self, form: ThrustVectors, z: Array) -> float:
@@ -210,7 +210,7 @@ class Cost:
         length = np.maximum(a, 1e-12)
         excess = self._excess(form, a)
         slope = (self.energy * a + self.penalty * excess) / n
-        # What is too short is convex along the vector alone.
+        # Below the lower bound the penalty is convex along the vector alone.
         across = (self.energy + self.penalty * np.maximum(excess, 0.0) / length) / n
         along = (self.energy + self.penalty * (excess != 0.0)) / n
         if self.has_propellant:
@@ -238,20 +238,20 @@ class Cost:
         return form.flow / _UNIT / form.n_segments
 
 
-#: Norm of the canonical defects below which they count as closed: 400 m, all legs together; the most
+#: Norm of the canonical defects of all legs below which they count as closed: 400 m; the most
 #: sensitive paths come no closer.  Others are closed on, to the second value.
 CLOSED, WELL_CLOSED = 1e-6, 1e-12
 
-# Price of the norm of the defects against the cost, and corrections of a step.
+# Weight of the norm of the defects in the merit function, and most corrections of a step.
 _PRICE, _CORRECTIONS = 100.0, 2
-# A step is taken when it gains so much of what was predicted; damping changes beyond the other two.
+# A step is taken if it gains this fraction of the predicted decrease; damping changes beyond the other two.
 _TAKEN, _POOR, _GOOD = 0.01, 0.25, 0.7
 _MORE_DAMPING, _LESS_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 3.0, 0.2, 1e-5, 1e13
 
 
 @dataclass(slots=True, eq=False)
 class State:
-    """Where the descent stands: the point, its defects and Jacobian, and the damping."""
+    """The state of the descent: the point, its defects and Jacobian, and the damping."""
 
     form: ThrustVectors
     z: Array
@@ -270,7 +270,7 @@ class State:
 
     @property
     def is_lost(self) -> bool:
-        """Whether no step is left that could gain anything."""
+        """Whether no step can decrease the merit function."""
         return not np.isfinite(self.error) or self.damping > _MOST_DAMPING
 
     def move(self, z: Array) -> None:
@@ -349,7 +349,7 @@ class _Model:
 
 
 def advance(state: State, cost: Cost, rigidity: float, limits: Limits) -> float:
-    """Try one step and adapt the damping; return what was gained of cost and priced defects.
+    """Try one step and adapt the damping; return the decrease of the merit function.
 
     Parameters
     ----------
@@ -372,7 +372,7 @@ def advance(state: State, cost: Cost, rigidity: float, limits: Limits) -> float:
     now = _merit(state.form, cost, state.z, state.defects)
     linear = state.defects + state.jacobian @ step
     predicted = now - _merit(state.form, cost, state.form.inside(state.z + step), linear)
-    trial, gained = _corrected(model, cost, step, linear, now, _GOOD * predicted, limits)
+    trial, gained = _correct(model, cost, step, linear, now, _GOOD * predicted, limits)
     ratio = gained / predicted if predicted > 0.0 and np.isfinite(gained) else -1.0
     if ratio < _POOR:
         state.damping *= _MORE_DAMPING
@@ -385,10 +385,10 @@ def advance(state: State, cost: Cost, rigidity: float, limits: Limits) -> float:
     return gained
 
 
-def _corrected(
+def _correct(
     model: _Model, cost: Cost, step: Array, linear: Array, now: float, enough: float, limits: Limits
 ) -> tuple[Array, float]:
-    """Return the end of a step and its gain, corrected while that gains more and is not yet enough."""
+    """Return the end of a step and its gain, with second-order corrections while they increase the gain."""
     form, z = model.form, model.state.z
     longest, best, gained, defects = model.length(step), z, -np.inf, linear
     for attempt in range(1 + _CORRECTIONS):
@@ -421,16 +421,16 @@ _SAVE = tuple(
     Cost(has_propellant=True, rounding=rounding, penalty=1000.0, limit=0.995)
     for rounding in (0.1, 0.03, 0.01)
 )
-#: Iterations of the first phase, and of the first two together: attempts not closed by then are given up.
+#: Iterations of the first phase, and of the first two together: attempts not closed by then are abandoned.
 REACH_ITERATIONS, CLOSE_ITERATIONS = 120, 150
 #: Starts made of a guess, each with the shooting time halfway from the last one's to its bound.
 ATTEMPTS = 4
 _REFINE_ITERATIONS = 60
 _START_DAMPING, _NEAR = 1e4, 3e-3
 _SOFT, _RIGID, _NEARER = 1e6, 1e9, 1e-3
-# What rounding may add to the length of a throttle vector [-]: decisions are cut to the bounds.
+# What rounding may add to the length of a throttle vector [-]: decisions are clipped to the bounds.
 _ROUNDING = 1e-12
-# Steps for a last metre that may be out of reach.
+# Steps for a last metre that may be unreachable.
 _MORE_STEPS, _TIGHTEN_ITERATIONS = 4, 8
 # The propellant has settled when this many steps together gain less than this [100 kg].
 _PATIENCE, _SETTLED = 20, 1e-3
@@ -444,11 +444,11 @@ def starts(form: ThrustVectors, z: Array) -> Iterator[Array]:
     """
     for _ in range(ATTEMPTS):
         yield z
-        z = form.lengthened(z)
+        z = form.lengthen(z)
 
 
 def reach(form: ThrustVectors, z: Array, limits: Limits) -> State:
-    """Close the defects from far away: first whatever the thrust, then within its limit.
+    """Close the defects from a distant guess: first without the thrust limit, then within it.
 
     Returns
     -------
@@ -466,7 +466,7 @@ def reach(form: ThrustVectors, z: Array, limits: Limits) -> State:
 
 
 def close(form: ThrustVectors, z: Array, limits: Limits, most_iterations: int) -> State:
-    """Close the defects within the thrust limit from nearby, by the shortest steps that do.
+    """Close the defects within the thrust limit from nearby, by minimum-norm steps.
 
     Returns
     -------
@@ -479,7 +479,7 @@ def close(form: ThrustVectors, z: Array, limits: Limits, most_iterations: int) -
 
 
 def tighten(form: ThrustVectors, z: Array, limits: Limits) -> State:
-    """Close defects that all but are by the shortest steps, throttles within rounding of where they were."""
+    """Close nearly closed defects by minimum-norm steps, throttles unchanged to rounding."""
     state = State(form, z, 1.0)
     for _ in range(_TIGHTEN_ITERATIONS):
         if state.error < WELL_CLOSED or state.is_lost or limits.is_over:
@@ -507,7 +507,7 @@ def is_solved(state: State) -> bool:
 
 
 def _respect(state: State, cost: Cost, limits: Limits, last: int) -> None:
-    """Close the defects with throttles within the cost's limit, as near as possible."""
+    """Close the defects with throttles within the cost's limit, changing as little as possible."""
     state.damping = min(state.damping, 1.0)
     spare = _MORE_STEPS
     while not (state.is_lost or limits.is_over) and limits.iterations < last and spare > 0:

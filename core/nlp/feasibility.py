@@ -1,4 +1,4 @@
-"""What a decision vector is worth: its defects closed and judged by a finer integrator."""
+"""Feasibility of a decision vector: defects closed and checked with a finer integration tolerance."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,19 +9,19 @@ from core.transcription import FINE_TOLERANCE, Transcription
 
 Array = NDArray[np.float64]
 
-# Another integrator must agree that the point is feasible, so defects are closed well below the tolerance.
+# The verifier uses another integrator and must agree, so defects are closed well below the tolerance.
 _WELL_CLOSED, _TOO_FAR = 0.01, 1e4
 _MOST_STEPS, _DOUBT = 3, 10.0
 _ENDED_WELL = (ExitStatus.OPTIMAL, ExitStatus.ACCEPTABLE)
 
 
 def outcome_of(transcription: Transcription, x: Array, status: ExitStatus, limits: Limits) -> Outcome:
-    """Return the outcome that a decision vector inside its box is, judged by its physical defects."""
-    defects, worst = _judged(transcription, x)
+    """Return the outcome of a decision vector inside its box, by its physical defects."""
+    defects, worst = _defects_and_violation(transcription, x)
     if worst <= 1.0 and not transcription.is_clear(x):
         status, worst = ExitStatus.IMPACT, np.inf
     return Outcome(
-        status=_weighed(status, worst <= 1.0),
+        status=_reconcile(status, worst <= 1.0),
         x=x,
         objective=float(x[transcription.layout.reference.final_mass]),
         violation=worst,
@@ -61,18 +61,18 @@ def close_finely(transcription: Transcription, x: Array) -> Array:
 
 
 def is_feasible(transcription: Transcription, x: Array, first: int = 0) -> bool:
-    """Return whether a decision vector is closed to strict tolerance and leads through no body.
+    """Return whether a decision vector is closed to strict tolerance and passes through no body.
 
-    Trajectories before the first asked for are not judged by their defects: 0 is the reference.
+    Defects of trajectories before `first` are not checked: 0 is the reference.
     """
-    return _judged(transcription, x, first)[1] <= 1.0 and transcription.is_clear(x)
+    return _defects_and_violation(transcription, x, first)[1] <= 1.0 and transcription.is_clear(x)
 
 
-def _judged(transcription: Transcription, x: Array, first: int = 0) -> tuple[Array, float]:
-    """Return the defects [km, km/s, kg] and their violation, or the doubt about them if that is greater.
+def _defects_and_violation(transcription: Transcription, x: Array, first: int = 0) -> tuple[Array, float]:
+    """Return the defects [km, km/s, kg] and their violation, or its uncertainty if that is greater.
 
-    The doubt is what ten times the integrator's tolerance changes, ten times: on the most sensitive paths
-    another integrator finds other defects, and nothing that this one closes is a solution.
+    The uncertainty is ten times the change caused by a ten times larger integration tolerance: on the most
+    sensitive paths another integrator finds other defects, and closing them with this one gives no solution.
     """
     fine, coarse = (
         transcription.at_tolerance(tolerance).defects(x).reshape(-1, 7)
@@ -81,8 +81,8 @@ def _judged(transcription: Transcription, x: Array, first: int = 0) -> tuple[Arr
     return fine, max(violation(fine[first:]), _DOUBT * violation((fine - coarse)[first:]))
 
 
-def _weighed(status: ExitStatus, is_closed: bool) -> ExitStatus:
-    """Return what a status means for a point that turned out closed, or not."""
+def _reconcile(status: ExitStatus, is_closed: bool) -> ExitStatus:
+    """Return the status of a point, given that it is closed or not."""
     if not is_closed:
         return ExitStatus.STALLED if status in _ENDED_WELL else status
     if status in _ENDED_WELL or status is ExitStatus.STOPPED:

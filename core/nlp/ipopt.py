@@ -53,7 +53,7 @@ OPTIONS: dict[str, str | float | int] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PolishedPoint:
-    """What IPOPT made of a point."""
+    """The result of IPOPT from a point."""
 
     #: Decision vector where IPOPT ended, and its lifted form; closed if optimal.
     x: Array
@@ -64,7 +64,7 @@ class PolishedPoint:
 
 @dataclass(slots=True, eq=False)
 class _Callbacks:
-    """The lifted problem in scaled variables; values are kept, since IPOPT asks for each separately."""
+    """The lifted problem in scaled variables; values are cached, since IPOPT requests each separately."""
 
     transcription: Transcription
     limits: Limits
@@ -158,7 +158,7 @@ def polish(transcription: Transcription, guess: Array | Guess, limits: Limits) -
     PolishedPoint
         Never raises for a failed solve.
     """
-    import cyipopt  # Half of all that core would import; a coordinator never solves.
+    import cyipopt  # Half of core's import time; a coordinator never solves.
 
     z, scale = transcription.lift(guess), node_scales(transcription)
     lower, upper = _bounds(transcription, z)
@@ -179,14 +179,14 @@ def polish(transcription: Transcription, guess: Array | Guess, limits: Limits) -
 
 
 def _on_bounds(w: Array, info: dict[str, Any], lower: Array, upper: Array) -> Array:
-    """Return a solution with the variables at the bounds that hold them, which IPOPT only approaches."""
+    """Return a solution with variables put on their active bounds, which IPOPT only approaches."""
     below, above = w - lower, upper - w
     w = np.where((below < _AT_BOUND) & (below < info["mult_x_L"]), lower, w)
     return np.where((above < _AT_BOUND) & (above < info["mult_x_U"]), upper, w)
 
 
 def _bounds(transcription: Transcription, z: Array) -> tuple[Array, Array]:
-    """Return the box; the angles' bounds are seams of the sphere and free here, dead times are fixed."""
+    """Return the box; angles, whose bounds are seams of the sphere, are free here; idle coasts are fixed."""
     lower, upper = np.full(len(z), -1e19), np.full(len(z), 1e19)
     for bound, side in zip((lower, upper), transcription.bounds, strict=True):
         bound[: transcription.n_variables] = side / transcription.scale
@@ -214,7 +214,7 @@ def _decision(transcription: Transcription, z: Array) -> Array:
 
 #: Legs of the form in which propellant is saved: shorter ones bend less.
 OPTIMUM_LEGS = 20
-#: How often the descent and IPOPT take turns until the optimum is found.
+#: Most rounds of descent and IPOPT until the optimum is found.
 ROUNDS = 3
 #: Mass that a round must gain for another to follow [kg].
 LEAST_GAIN = 0.1
@@ -252,7 +252,7 @@ def optimize(robust: Robust, is_near: bool) -> ExitStatus:
         if polished.is_optimal:
             if robust.improve(part, polished.x, polished.z):
                 return ExitStatus.OPTIMAL
-            # The optimum lies inside a body, or is too sensitive to be flown.
+            # The optimum lies inside a body, or is too sensitive to be propagated.
             break
         if limits.is_over:
             return failure(limits)
@@ -263,7 +263,7 @@ def optimize(robust: Robust, is_near: bool) -> ExitStatus:
 
 
 def _close_again(robust: Robust, form: ThrustVectors, polished: PolishedPoint) -> bool:
-    """Take where IPOPT stopped short of the optimum, if that can be closed and is better; return whether."""
+    """Accept IPOPT's last iterate short of the optimum if it can be closed and is better; return whether."""
     nodes = tuple(form.transcription.nodes_of(polished.z, i) for i in range(1 + len(robust.acting)))
     state = close(form, form.start(Guess(polished.x, nodes)), robust.limits, JOINT_ITERATIONS)
     return is_solved(state) and robust.improve(form.transcription, form.decision(state.z), state.z)

@@ -1,4 +1,4 @@
-"""How a solve is asked for and what it returns, and the work that it may still do.
+"""Settings, outcome and remaining budget of a solve.
 
 Limits are iterations, CPU time, and a caller who may ask it to stop.
 """
@@ -42,15 +42,15 @@ class ExitStatus(Enum):
 
 @dataclass(frozen=True, slots=True)
 class SolveSettings:
-    """Limits of one solve; both are multiplied by 1 + k, so that P_k may do k + 1 times the work of P_0."""
+    """Limits of one solve; both are multiplied by 1 + k, so that P_k has k + 1 times the budget of P_0."""
 
-    #: CPU time after which the solve ends, whatever it has [s]: a guard, so that the iterations decide.
+    #: CPU time after which the solve ends [s]: a safeguard; normally iterations are the limit.
     cpu_seconds: float = 120.0
     #: Iterations of the solver, all phases together [-].
     max_iterations: int = 3000
 
     def __post_init__(self) -> None:
-        """Refuse limits under which nothing can be solved."""
+        """Raise ValueError for limits under which nothing can be solved."""
         is_number = isinstance(self.cpu_seconds, int | float) and not isinstance(self.cpu_seconds, bool)
         if not (is_number and np.isfinite(self.cpu_seconds) and self.cpu_seconds > 0):
             raise ValueError(f"cpu_seconds: expected a positive number, got {self.cpu_seconds!r}")
@@ -92,7 +92,7 @@ _WHO = getattr(resource, "RUSAGE_THREAD", resource.RUSAGE_SELF)
 
 
 def cpu_seconds() -> float:
-    """Return the CPU time used so far [s]: an account of work done, not a time of day."""
+    """Return the CPU time used so far [s], which is no time of day."""
     usage = resource.getrusage(_WHO)
     return usage.ru_utime + usage.ru_stime
 
@@ -106,7 +106,7 @@ class Limits:
     stop: Stop
     started: float = field(default_factory=cpu_seconds)
     iterations: int = 0
-    #: Whether the caller has asked for a stop, once being enough.
+    #: Whether the caller has requested a stop, at least once.
     is_stopped: bool = False
     evaluations: int = 0
 

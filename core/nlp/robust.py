@@ -1,8 +1,8 @@
-"""P_k from a reference: realizations that close against it, and those that make it move.
+"""P_k from a reference: realizations that close against it, and those that require it to change.
 
-The objective and the reference's defects do not hold the realizations' variables.  A realization that closes
-while the reference stands still therefore costs nothing and is no part of the optimum: its multipliers
-vanish.  Only the others, few as a rule, are solved and optimized together with the reference.
+The objective and the reference's defects do not depend on the realizations' variables.  A realization that
+closes with the reference fixed therefore costs nothing and does not affect the optimum: its multipliers
+vanish.  Only the others, usually few, are solved and optimized together with the reference.
 docs/method.md, section 7.
 """
 
@@ -21,7 +21,7 @@ from core.transcription import FINE_TOLERANCE, Guess, OutageProfile, Transcripti
 
 Array = NDArray[np.float64]
 
-#: From a problem and a depth of its outages between 0 and 1 [-] to what is still flown during them.
+#: From a problem and a depth of its outages between 0 and 1 [-] to the thrust that remains during them.
 Deepen = Callable[[Problem, float], tuple[OutageProfile, ...]]
 
 #: Iterations in which a realization and the reference must close together, and a step of the depth.
@@ -29,7 +29,7 @@ JOINT_ITERATIONS, STEP_ITERATIONS = 60, 40
 #: First step of the depth, its growth after success and shrinkage after failure, and the least step.
 FIRST_STEP, GROW, SHRINK, LEAST_STEP = 0.5, 2.0, 0.3, 0.01
 
-# What a solution may lose by being closed better [kg].
+# Mass that a solution may lose by closing it to a finer tolerance [kg].
 _LOSS = 1e-3
 
 
@@ -60,10 +60,11 @@ class Robust:
     def of(
         cls, transcription: Transcription, guess: Array | Guess, limits: Limits, deepen: Deepen | None
     ) -> Self:
-        """Return P_k at a guess, which is moved into the bounds first."""
+        """Return P_k at a guess, which is projected into the bounds first."""
         lower, upper = transcription.bounds
         x = np.clip(checked_vector(transcription.layout, guess), lower, upper)
-        # They change no path, but every check would integrate them, and the matchpoint magnifies its errors.
+        # They do not change the path, but every check would integrate them, and their errors grow at the
+        # matchpoint.
         idle = transcription.idle_coasts
         x[idle] = lower[idle]
         ends = [trajectory.stop for trajectory in transcription.layout.trajectories]
@@ -91,11 +92,11 @@ class Robust:
         return transcribe(part, n_legs or whole.n_legs, whole.tolerance, start=whole.start)
 
     def start_from(self, reference: Array, path: Array | None) -> None:
-        """Take a reference that is closed on its own; realizations are closed against it from here on."""
+        """Take a reference that is closed on its own; realizations are then closed against it."""
         self.reference, self.path, self.is_started = reference, path, True
 
     def fall_back(self, reference: Array) -> None:
-        """Take the reference that comes closest where none closes."""
+        """Take the reference with the least violation where none closes."""
         self.reference, self.path = reference, None
 
     def join(self, member: int) -> bool:
@@ -116,7 +117,8 @@ class Robust:
         for z in starts(form, form.start(self.guess([member]))):
             state = reach(form, z, self.limits)
             if is_solved(state):
-                # The reference is flown again: its nodes may stem from the coarser integrator.
+                # The reference is propagated again: its nodes may come from the coarser integration
+                # tolerance.
                 nodes = (None, part.nodes_of(state.z, 1))
                 state = tighten(fine, fine.start(Guess(form.decision(state.z), nodes)), self.limits)
                 x = np.concatenate([self.reference, fine.decision(state.z)[len(self.reference) :]])
@@ -138,7 +140,7 @@ class Robust:
             return True
         if self.deepen is None:
             return False
-        deepest = self._deepened(members, self.deepen, z)
+        deepest = self._continue_depth(members, self.deepen, z)
         if deepest is not None:
             self.take(members, form.transcription, form.decision(deepest), deepest)
         return deepest is not None
@@ -150,7 +152,7 @@ class Robust:
         """
         closed = close_finely(part, x)
         if not is_feasible(part, closed):
-            closed = self._tightened(part, x, z)
+            closed = self._tighten(part, x, z)
         is_better = closed[part.layout.reference.final_mass] > self.final_mass - _LOSS
         if not is_feasible(part, closed) or (not is_better and is_feasible(part, self.vector(self.acting))):
             return False
@@ -187,13 +189,13 @@ class Robust:
         return np.concatenate([self.reference, *(self.realizations[i] for i in members)])
 
     def guess(self, members: list[int]) -> Array | Guess:
-        """Return where the reference and some realizations stand, as a guess for their problem."""
+        """Return the reference and some realizations as a guess for their problem."""
         x = self.vector(members)
         states = (self.path, *(self.states[i] for i in members))
         return x if all(state is None for state in states) else Guess(x, states)
 
-    def _tightened(self, part: Transcription, x: Array, z: Array) -> Array:
-        """Return a solution closed leg by leg by the finer integrator."""
+    def _tighten(self, part: Transcription, x: Array, z: Array) -> Array:
+        """Return a solution closed leg by leg with the finer integration tolerance."""
         fine = part.at_tolerance(FINE_TOLERANCE)
         form = ThrustVectors(fine)
         nodes = tuple(part.nodes_of(z, i) for i in range(1 + len(self.acting)))
@@ -205,14 +207,14 @@ class Robust:
         ends = np.cumsum([len(self.reference)] + [len(self.realizations[i]) for i in members])
         return np.split(x, ends[:-1])
 
-    def _deepened(self, members: list[int], deepen: Deepen, z: Array) -> Array | None:
-        """Return a closed vector at full depth, reached from outages during which some thrust holds on."""
+    def _continue_depth(self, members: list[int], deepen: Deepen, z: Array) -> Array | None:
+        """Return a closed vector at full depth, by continuation from outages with some thrust left."""
         problem = self.together(members).problem
         full = deepen(problem, 1.0)
         depth, step = 0.0, FIRST_STEP
         while depth < 1.0 and step >= LEAST_STEP and not self.limits.is_over:
             trial = min(1.0, depth + step)
-            # Those that act already are closed at full depth.
+            # Acting realizations are closed at full depth already.
             profiles = tuple(
                 deep if member in self.acting else shallow
                 for member, deep, shallow in zip(members, full, deepen(problem, trial), strict=True)

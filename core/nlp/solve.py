@@ -1,4 +1,4 @@
-"""The local solver pi: from a guess to a solution, or to the reason why there is none."""
+"""The local solver pi: from a guess to a solution, or a status that says why there is none."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +73,7 @@ def solve(
 
 
 def limits_of(transcription: Transcription, settings: SolveSettings, stop: Stop) -> Limits:
-    """Return the work that a solve of P_k may do: that of P_0, k + 1 times."""
+    """Return the budget of a solve of P_k: k + 1 times that of P_0."""
     share = 1 + transcription.problem.k
     return Limits(settings.cpu_seconds * share, settings.max_iterations * share, stop)
 
@@ -87,7 +87,7 @@ def _start(robust: Robust) -> ExitStatus:
         return ExitStatus.NOT_FINITE
     state = State(form, z, 1.0)
     if is_solved(state):
-        # What arrives closed was optimal once, as seeds are: it is only polished.
+        # A guess that is already closed, such as a seed, was optimal before: it is only polished.
         robust.start_from(form.decision(z), alone.nodes_of(z, 0))
         return optimize(robust, is_near=True)
     return _from_starts(robust, form, z)
@@ -108,7 +108,7 @@ def _from_starts(robust: Robust, form: ThrustVectors, z: Array) -> ExitStatus:
         if limits.is_over or (found and status is ExitStatus.OPTIMAL):
             break
     if not found:
-        # The least infeasible, for those who hop from it.
+        # The least infeasible one, as a basis for hops.
         robust.fall_back(min(tried, key=lambda x: violation(alone.defects(x).reshape(-1, 7))))
         return ExitStatus.IMPACT if status is ExitStatus.IMPACT else failure(limits)
     _, status, reference, path = max(found, key=lambda entry: entry[0])

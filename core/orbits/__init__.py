@@ -1,4 +1,4 @@
-"""Where a transfer starts and ends: a departure and a target in, states, kernels and tables out.
+"""Departure and target of a transfer: from their definitions to states, kernels and tables.
 
 `spiral` resolves the departure, `nrho` makes the near-rectilinear halo orbit, `target` hands it on.
 """

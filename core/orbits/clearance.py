@@ -1,4 +1,4 @@
-"""Whether a departure and a target lie where a spacecraft can be: outside the bodies, and near the Earth.
+"""Checks that departure and target lie outside the bodies and near the Earth.
 
 Frame: geocentric, axes J2000.  Units: km, TDB seconds past J2000, days past the departure epoch.
 
@@ -31,12 +31,12 @@ class ClearanceError(UserError, RuntimeError):
 
 
 def check_clearance(problem: Problem, stop: Callable[[], bool] | None = None) -> None:
-    """Refuse a departure inside the Moon, and a target that passes through a body or leaves for the Sun.
+    """Raise ClearanceError for a departure inside the Moon, or a target that hits a body or leaves the Earth.
 
     Parameters
     ----------
     problem : Problem
-        The problem; `core.problem.require_physical` has looked at its numbers.
+        The problem; `core.problem.require_physical` has checked its numbers.
     stop : callable, optional
         Asked while a spiral is computed whether to give up.
 

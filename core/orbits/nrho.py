@@ -35,7 +35,7 @@ TOLERANCE = 5e-13
 # An orbit of the family to start from: period; x, z and vy at apolune; docs/method.md, section 11.
 _KNOWN_PERIOD = 1.5111964
 _KNOWN_APOLUNE = np.array([1.0220279848, -0.1821012438, -0.1032704533])
-# Perilune magnifies every change at apolune: Newton along the tangent still converges over twice this.
+# Perilune amplifies every change at apolune: Newton's method along the tangent converges over twice this.
 _PERIOD_STEP = 0.05
 _HALO_ITERATIONS = 12
 
@@ -76,10 +76,10 @@ def halo_of_period(period: float) -> Halo:
     docs/method.md, eq. (O4).
     """
     n_steps = max(1, math.ceil(abs(period - _KNOWN_PERIOD) / _PERIOD_STEP))
-    unknowns, tangent = _corrected(_KNOWN_APOLUNE, _KNOWN_PERIOD)
+    unknowns, tangent = _correct_halo(_KNOWN_APOLUNE, _KNOWN_PERIOD)
     goals = np.linspace(_KNOWN_PERIOD, period, n_steps + 1)
     for last, goal in itertools.pairwise(goals):
-        unknowns, tangent = _corrected(unknowns + (goal - last) * tangent, goal)
+        unknowns, tangent = _correct_halo(unknowns + (goal - last) * tangent, goal)
     return Halo(period, _apolune_state(unknowns))
 
 
@@ -88,7 +88,7 @@ def _apolune_state(unknowns: Array) -> Array:
     return np.array([x, 0.0, z, 0.0, vy, 0.0])
 
 
-def _corrected(unknowns: Array, period: float) -> tuple[Array, Array]:
+def _correct_halo(unknowns: Array, period: float) -> tuple[Array, Array]:
     """Solve for the x, z, vy at apolune that cross y = 0 at right angles half a period later.
 
     Their derivative by the period comes with them.
@@ -137,7 +137,7 @@ def _rates(_: float, y: Array) -> Array:
 POSITION_TOLERANCE_KM = 1e-6
 VELOCITY_TOLERANCE_KM_S = 1e-9
 
-# Tight, since a perilune magnifies the error of a step three hundred times.
+# Tight, since a perilune amplifies the error of a step three hundred times.
 _INTEGRATION_TOLERANCE = 1e-14
 _MAX_ITERATIONS = 30
 
@@ -252,7 +252,7 @@ def fly_halves(model: ForceModel, epochs: Array, states: Array) -> Array:
 
 @compiled
 def coast(model: ForceModel, t_a: float, t_b: float, r: Array, v: Array, ends: Array, work: Array) -> int:
-    """Fly without thrust in place; arguments and result are those of `core.dynamics.propagate`."""
+    """Propagate without thrust in place; arguments and result are those of `core.dynamics.propagate`."""
     # Made here, since constant arrays would make numba compile the integrator once more for their own type.
     nothing, no_partials = np.zeros(3), np.zeros((3, 3))
     return propagate(
@@ -280,7 +280,7 @@ _PATCHES = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatchedOrbit:
-    """A ballistic orbit, held by states that are half a piece away at most."""
+    """A ballistic orbit, given by states at most half a piece away."""
 
     #: Gravity under which it is ballistic.
     model: ForceModel
@@ -295,7 +295,7 @@ class PatchedOrbit:
         Each row is flown from one patch point, the one nearest to its middle, so that the defects of the
         orbit, small as they are, lie between rows and not inside.
         """
-        return np.asarray(_flown(self.model, self.epochs, self.states, records))
+        return np.asarray(_propagate_patches(self.model, self.epochs, self.states, records))
 
 
 def nrho(
@@ -355,8 +355,8 @@ def _guess(halo: Halo, bodies: EphemerisTable, epochs: Array, quarters: NDArray[
 
 
 @compiled
-def _flown(model: ForceModel, epochs: Array, patches: Array, records: Array) -> Array:
-    """Return what `PatchedOrbit.states_from_moon` promises."""
+def _propagate_patches(model: ForceModel, epochs: Array, patches: Array, records: Array) -> Array:
+    """Return the states of `PatchedOrbit.states_from_moon`."""
     out = np.empty((*records.shape, 6))
     middles = 0.5 * (records[:, 0] + records[:, -1])
     for n in range(epochs.size):
@@ -370,7 +370,7 @@ def _flown(model: ForceModel, epochs: Array, patches: Array, records: Array) -> 
 
 @compiled
 def _fly_on(model: ForceModel, t: float, state: Array, times: Array, out: Array) -> None:
-    """Fly from one of the times to the next, so that all together cost one passage."""
+    """Propagate from each time to the next, so that all together need a single pass."""
     ends, work = np.empty((2, 3)), np.empty((16, 3, STATE))
     bodies = np.empty((3, 9))
     r, v = state[:3].copy().reshape(3, 1), state[3:].copy().reshape(3, 1)

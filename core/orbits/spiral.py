@@ -4,7 +4,7 @@ A spiral thrusts fully along the geocentric velocity from the perigee of a parki
 Frame: geocentric, axes J2000.  Units: km, km/s, kg, TDB s past J2000 at the surface; canonical inside,
 with times in TU past the start of the spiral.
 
-    SpiralError(RuntimeError)   a spiral that does not come to its end
+    SpiralError(RuntimeError)   a spiral that does not reach its end
 """
 
 import functools
@@ -36,7 +36,7 @@ from core.units import (
 
 Array = NDArray[np.float64]
 
-#: No spiral is followed longer [days].
+#: Longest spiral [days].
 LONGEST_SPIRAL_DAYS = 3000.0
 
 # Errors grow with the square of the time along the track, over some 200 revolutions: this leaves 3 m.
@@ -44,7 +44,7 @@ _TOLERANCE = 3e-14
 
 
 class SpiralError(UserError, RuntimeError):
-    """A spiral that meets the Earth, or runs out of propellant, before its end."""
+    """A spiral that hits the Earth, or runs out of propellant, before its end."""
 
 
 class DepartureState(NamedTuple):
@@ -62,7 +62,7 @@ class DepartureState(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class _Patience:
-    """Whether to give up; equal to any other, since it shapes no spiral that is kept."""
+    """A stop callback that compares equal to any other, since it does not affect a finished spiral."""
 
     stop: Callable[[], bool] | None = field(default=None, compare=False)
 
@@ -153,7 +153,7 @@ def _perigee(departure: SpiralDeparture) -> Array:
 
 
 def _surface(departure: SpiralDeparture, patience: _Patience) -> Callable[..., float]:
-    """Return the event of meeting the Earth, which also asks whether to give up."""
+    """Return the event of hitting the Earth, which also checks whether to stop."""
 
     def height(t: float, y: Array, *_: object) -> float:
         if patience.stop is not None and patience.stop():

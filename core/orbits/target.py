@@ -1,8 +1,8 @@
-"""The target of a transfer, as an SPK kernel for everybody and as a table for the numerics.
+"""The target of a transfer, as an SPK kernel, and as a table for the numerics.
 
-The generated NRHO is kept in a cache folder under a hash of all that it depends on, and made anew where its
-content is not what was written.  Tables are relative to
-the Moon, axes J2000, in canonical units and TU past the departure epoch.
+The generated NRHO is stored in the cache folder under a hash of all its inputs, and generated again if the
+content does not match its digest.  Tables are relative to the Moon, axes J2000, in canonical units and TU
+past the departure epoch.
 """
 
 import functools
@@ -72,7 +72,7 @@ def target_kernel(problem: Problem, cache_folder: Path | None = None) -> tuple[P
 
 
 def _given_orbit(target: SpkTarget, departure_et: float, start: float, stop: float) -> ChebyshevOrbit:
-    """Return the orbit of a user's kernel after all that may be wrong with it has been looked for."""
+    """Return the orbit of a user's kernel after validating the kernel."""
     spice_name(target.path)
     digest = target.digest_now()
     if target.digest not in (None, digest):
@@ -96,7 +96,7 @@ def _nrho_kernel(
     folder = users_folder() if cache_folder is None else cache_folder
     path = folder / f"nrho-{_identity(target, departure_et, start, stop)}.bsp"
     if not is_sealed(path):
-        # It takes seconds, for which nobody must wait for SPICE; of two that are made at once one is kept.
+        # It takes seconds, during which SPICE must stay available; of two made at once one is kept.
         _write_once(path, _records(_ballistic(problem, departure_et), departure_et, start, stop), target)
     return path, NRHO_ID
 

@@ -1,4 +1,4 @@
-"""From a problem to the functions a solver needs: decision vector in, defects and partials out."""
+"""Transcription of a problem into an NLP: from a decision vector to defects and partials."""
 
 from core.transcription.arcs import FlownPath, RealizationPath, ReferencePath, fly_arc, target_state
 from core.transcription.control import control_of, throttle_of, wrapped

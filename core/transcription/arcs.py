@@ -1,4 +1,4 @@
-"""Single arcs, single states and whole paths, for those who build guesses rather than evaluate them."""
+"""Single arcs, states and whole paths, for building guesses."""
 
 from functools import cached_property
 from itertools import pairwise
@@ -21,7 +21,7 @@ _COAST = np.zeros(3)
 def fly_arc(
     transcription: Transcription, start: Array, t_a: float, t_b: float, control: Array = _COAST
 ) -> Array:
-    """Return the state at the end of one arc, NaN where it cannot be flown.
+    """Return the state at the end of one arc, NaN where it cannot be propagated.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def target_state(transcription: Transcription, t: float, mass: float) -> Array:
 
 
 class FlownPath:
-    """One trajectory of a decision vector as a function of time: states, and the throttle that was flown.
+    """One trajectory of a decision vector as a function of time: states and throttle.
 
     Boundaries up to the matchpoint are flown forward from the start, later ones backward from the target.
 
@@ -125,7 +125,7 @@ class FlownPath:
         return fly_arc(self.transcription, state, begin, t, self.control(t))
 
     def control(self, t: float) -> Array:
-        """Return the control (3,) that is flown at t [TU past departure]: throttle [-] and angles [rad]."""
+        """Return the control (3,) at t [TU past departure]: throttle [-] and angles [rad]."""
         segment = self._segment(t)
         return self.controls[segment - 1] if 1 <= segment <= self.n_segments else _COAST
 
@@ -164,7 +164,7 @@ class ReferencePath(FlownPath):
 
 
 class RealizationPath(FlownPath):
-    """The path that is flown under one outage: the reference up to it, both coasts, then its own segments.
+    """The path under one outage: the reference up to it, both coasts, then its own segments.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ class RealizationPath(FlownPath):
         return self.reference.state(t) if self._is_before(t) else super().state(t)
 
     def control(self, t: float) -> Array:
-        """Return the control (3,) that is flown at t [TU past departure]: throttle [-] and angles [rad]."""
+        """Return the control (3,) at t [TU past departure]: throttle [-] and angles [rad]."""
         return self.reference.control(t) if self._is_before(t) else super().control(t)
 
     def _is_before(self, t: float) -> bool:

@@ -1,4 +1,4 @@
-"""How the plan of P_k is made: its trajectories, cut into legs, leg by leg and arc by arc."""
+"""Construction of the plan of P_k: its trajectories, divided into legs and arcs."""
 
 from dataclasses import dataclass, field
 
@@ -43,7 +43,7 @@ class _Leg:
 
 
 class _Builder:
-    """Grows the arcs, legs and blocks of one problem."""
+    """Collects the arcs, legs and blocks of one problem."""
 
     def __init__(
         self,

@@ -27,7 +27,7 @@ CONTROL_AT, START_AT, END_AT, N_VARIABLES = 7, 10, 11, 12
 
 
 class Desk(NamedTuple):
-    """What the second derivatives of one arc are worked out on."""
+    """Workspace for the second derivatives of one arc."""
 
     #: Thrust [MU LU/TU^2] and its first and second derivatives by the control, controls first.
     thrust: Array
@@ -52,7 +52,7 @@ class Desk(NamedTuple):
 
 @compiled
 def desk(field_width: int) -> Desk:
-    """Return an empty desk for a force model whose field has that many columns [-]."""
+    """Return an empty workspace for a force model whose field has that many columns [-]."""
     return Desk(
         np.zeros(3),
         np.zeros((3, 3)),
@@ -201,7 +201,7 @@ def _by_start(model: ForceModel, t: float, state: Array, rate: Array, costate: A
 
 @compiled
 def _by_thrust(burnt: float, desk: Desk) -> None:
-    """Add what the thrust bends in mass and control, eq. 30; burnt is the mass costate times t_b - t_a."""
+    """Add the second derivatives of thrust by mass and control, eq. 30; burnt: mass costate * (t_b - t_a)."""
     second, moments, thrust, d_rate = desk.second, desk.moments, desk.thrust, desk.d_rate
     by_t2 = _dot(thrust, moments[2])
     by_t3, by_t4, by_t5 = _dot(thrust, moments[3]), _dot(thrust, moments[4]), _dot(thrust, moments[5])
@@ -289,7 +289,7 @@ def curvature(
 
 
 class _Flight(NamedTuple):
-    """What the legs of one group have left behind, arc after arc, and scratch space."""
+    """Stored results of the legs of one group, arc after arc, and scratch space."""
 
     #: As `core.transcription.evaluate` writes them.
     transitions: Array
@@ -379,7 +379,7 @@ def _pull_leg(
     on: Desk,
     matrix: Array,
 ) -> None:
-    """Take matrix and costate of a leg from its end, where its children have left theirs, to its start."""
+    """Propagate matrix and costate of a leg from its end, where those of its children are, to its start."""
     trajectory, known, marks = plan.leg_trajectory[leg], FIRST + pattern.carried[leg], flight.marks
     for arc in range(plan.leg_first[leg] + plan.leg_arcs[leg] - 1, plan.leg_first[leg] - 1, -1):
         i = arc - origin

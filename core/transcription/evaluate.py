@@ -283,7 +283,7 @@ def _defects(plan: Plan, z: Array, ends: Array, defects: Array) -> None:
 
 @compiled
 def _fill(plan: Plan, columns: Array, values: Array) -> None:
-    """Lay the partials of the legs into the dense blocks, each row after row."""
+    """Copy the partials of the legs into the dense blocks, row by row."""
     for block in range(plan.block_plus.shape[0]):
         first = plan.block_values[block]
         width = (plan.block_values[block + 1] - first) // _N

@@ -1,9 +1,9 @@
-"""Where everything stands in the decision vector: the only index arithmetic on it.
+"""The layout of the decision vector: the only index arithmetic on it.
 
 The paper layout x lists, for the reference and then for each realization in order of outage,
 (T_s, T_i, T_f, u_1 .. u_N, m_f).  The lifted vector z holds the same entries in canonical units, followed
 by seven numbers (r, v, m) per shooting node.  `Guess` is a start vector with the states of its trajectories
-where a mapping knows them; `Start` is where a transfer begins that is already under way.
+where a mapping knows them; `Start` is the state in which a transfer starts after an outage has begun.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ CONTROL, STATE = 3, 7
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryLayout:
-    """Where one trajectory stands in the decision vector."""
+    """The slice of the decision vector of one trajectory."""
 
     #: Index of its first variable.
     offset: int
@@ -74,7 +74,7 @@ class TrajectoryLayout:
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Where the trajectories of a problem stand: the reference first."""
+    """The slices of the trajectories of a problem, the reference first."""
 
     trajectories: tuple[TrajectoryLayout, ...]
 
@@ -85,7 +85,7 @@ class Layout:
 
     @property
     def reference(self) -> TrajectoryLayout:
-        """Where the reference stands."""
+        """The slice of the reference."""
         return self.trajectories[0]
 
     def scale(self) -> Array:
@@ -103,7 +103,7 @@ class Layout:
         return lower, upper
 
     def sampling_box(self, problem: Problem, start_mass_kg: float) -> tuple[Array, Array]:
-        """Return the box that guesses are drawn from and hops are measured by, in the units of x.
+        """Return the box from which guesses are drawn and which scales hops, in the units of x.
 
         The bounds lie in it: here the dry mass does not count, so that a search draws the same guesses
         whatever the dry mass is.
@@ -138,7 +138,7 @@ def layout_of(problem: Problem) -> Layout:
 
 
 def checked_vector(layout: Layout, x: object) -> Array:
-    """Return x as a float array, or raise ValueError naming the shape expected and the one that came."""
+    """Return x as a float array, or raise ValueError with the expected and the given shape."""
     try:
         vector = np.asarray(x, dtype=float)
     except (TypeError, ValueError) as error:
@@ -174,13 +174,13 @@ class Guess:
         return self.x[index]
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
-        """Return x, so that a guess can stand wherever a decision vector can."""
+        """Return x, so that a guess can be used as a decision vector."""
         return np.array(self.x, dtype=dtype, copy=copy)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Start:
-    """A state on the way, and the problem that it is on the way of."""
+    """A state during a transfer, and the problem of that transfer."""
 
     #: Its bodies, its target and its departure epoch stay; its bounds, segments and outages play no part.
     problem: Problem

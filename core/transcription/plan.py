@@ -1,4 +1,4 @@
-"""The arcs, legs and defects of P_k as flat arrays that compiled code walks through, and their sparsity.
+"""The arcs, legs and defects of P_k as flat arrays for compiled code, and their sparsity.
 
 Every arc runs between two moments, and every moment is linear in six time variables: (T_s, T_i, T_f) of the
 reference and of the own trajectory.  Those coefficients are the table of docs/method.md, section 6; all time
@@ -69,7 +69,7 @@ class Plan(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """The plan with what only Python needs: sizes and the sparsity pattern."""
+    """The plan with sizes and the sparsity pattern, which only Python uses."""
 
     plan: Plan
     #: Length of z, nodes included.
@@ -126,12 +126,12 @@ class Pattern(NamedTuple):
 
 
 def pattern_of(plan: Plan) -> Pattern:
-    """Return where the second derivatives of a plan's defects stand; they are fixed for all z."""
+    """Return the sparsity pattern of the second derivatives of a plan's defects, the same for all z."""
     return _Legs(plan).pattern()
 
 
 class _Legs:
-    """Grows variables and non-zeros of the legs from the last child to the first parent."""
+    """Collects variables and non-zeros of the legs from the last child to the first parent."""
 
     def __init__(self, plan: Plan) -> None:
         n: int = len(plan.leg_start)
@@ -182,7 +182,7 @@ class _Legs:
         return start
 
     def _separate(self, leg: int, children: list[int]) -> None:
-        """Take out what two children do not share, and what a child has not."""
+        """Remove what two children do not share, and what a child does not have."""
         mask, stop = self.masks[leg], FIRST + self.carried[leg]
         mask[FIRST:stop, FIRST:stop] = False
         for child in children:

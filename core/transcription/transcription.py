@@ -105,7 +105,7 @@ class Transcription:
 
     @property
     def sampling_box(self) -> tuple[Array, Array]:
-        """Box that guesses are drawn from and hops are measured by, each (n_variables,) [days, rad, kg]."""
+        """Box from which guesses are drawn and which scales hops, each (n_variables,) [days, rad, kg]."""
         return self.layout.sampling_box(self.problem, self.start_mass_kg)
 
     @property
@@ -115,7 +115,7 @@ class Transcription:
 
     @property
     def idle_coasts(self) -> list[int]:
-        """Indices in x of the final coasts that change nothing: those on a target that is ballistic."""
+        """Indices in x of the final coasts without effect: those on a ballistic target."""
         is_idle = is_target_ballistic(self.problem)
         return [trajectory.final_coast for trajectory in self.layout.trajectories if is_idle]
 
@@ -202,7 +202,7 @@ class Transcription:
         return z
 
     def fill_nodes(self, structure: Structure, z: Array) -> None:
-        """Set nodes of a lifted vector that are NaN to the end of the leg before, where it can be flown."""
+        """Set NaN nodes of a lifted vector to the end of the previous leg, where it can be propagated."""
         self._run(structure, z, lift=True, with_partials=False)
 
     def nodes_of(self, z: Array, trajectory: int) -> Array:
@@ -218,11 +218,11 @@ class Transcription:
         return z[: self.n_variables] * self.scale
 
     def evaluate(self, structure: Structure, z: Array, with_partials: bool) -> tuple[Array, Array]:
-        """Return canonical defects (7 n_blocks,) and the values of the sparse Jacobian, NaN if not flown."""
+        """Return canonical defects (7 n_blocks,) and values of the sparse Jacobian, NaN if not propagated."""
         return self._run(structure, z, lift=False, with_partials=with_partials)
 
     def hessian(self, structure: Structure, z: Array, multipliers: Array) -> Array:
-        """Return the Hessian of multipliers . defects, canonical, NaN where it cannot be flown.
+        """Return the Hessian of multipliers . defects, canonical, NaN where it cannot be propagated.
 
         Parameters
         ----------
@@ -269,7 +269,7 @@ class Transcription:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Setting:
-    """What all P_k of a family share."""
+    """The data shared by all P_k of a family."""
 
     model: ForceModel
     target: EphemerisTable
@@ -299,13 +299,13 @@ def transcribe(
 
 
 def _world(problem: Problem, start: Start | None) -> Problem:
-    """Return the reference problem whose departure, bodies and target a transcription flies with."""
+    """Return the reference problem that gives departure, bodies and target of a transcription."""
     return (problem if start is None else start.problem).model_copy(update={"outages": ()})
 
 
 @lru_cache(maxsize=8)
 def _compile(reference: Problem) -> None:
-    """Evaluate once what a solve evaluates: the first time compiles, and is no affair of the solve."""
+    """Evaluate once all that a solve evaluates, so that compilation does not count as part of the solve."""
     transcription = Transcription(reference)
     lower, upper = transcription.bounds
     z = transcription.lift(0.5 * (lower + upper))

@@ -67,9 +67,9 @@ def test_a_file_is_sealed_while_it_is_what_was_sealed(tmp_path):
 
 @pytest.fixture
 def anew():
-    cache._chosen.cache_clear()
+    cache._choose_folder.cache_clear()
     yield
-    cache._chosen.cache_clear()
+    cache._choose_folder.cache_clear()
 
 
 def with_temporary(monkeypatch, folder):

@@ -67,7 +67,7 @@ def test_a_longer_start_has_half_of_the_time_that_was_left_and_the_same_controls
 ):
     of = form(is_reference_fixed=is_reference_fixed)
     z = start(of)
-    longer = of.lengthened(z)
+    longer = of.lengthen(z)
     latest = of.transcription.bounds[1] * DAY
     for index, trajectory in enumerate(of.transcription.layout.trajectories):
         place = trajectory.shooting_time
@@ -80,7 +80,7 @@ def test_a_longer_start_has_half_of_the_time_that_was_left_and_the_same_controls
 
 def test_a_longer_start_is_flown_afresh_so_that_matchpoints_alone_are_open():
     of = form()
-    defects = of.defects(of.lengthened(start(of))).reshape(-1, 7)
+    defects = of.defects(of.lengthen(start(of))).reshape(-1, 7)
     matchpoints = list(of.transcription.vectors.matchpoints)
     assert np.all(np.delete(defects, matchpoints, axis=0) == 0.0)
     assert np.all(np.abs(defects[matchpoints, 6]) < 1e-12)  # rounding of a sum of masses
