@@ -24,8 +24,13 @@ from workers.messages import (
     ClaimRequest,
     CompleteAnswer,
     CompleteRequest,
+    Ended,
+    Ending,
+    Finished,
     HeartbeatAnswer,
     HeartbeatRequest,
+    Sealed,
+    Ticket,
 )
 
 
@@ -85,6 +90,10 @@ QUERIES = {
 RNG_SEEDS = itertools.count()
 
 
+#: What a dispatcher reports of an attempt.
+CRASHED = Finished(Ticket(1, 1), Sealed(Ended(ending=Ending.CRASH)))
+
+
 class SentError(Exception):
     """What a client sends; raised in place of an answer."""
 
@@ -133,20 +142,20 @@ def test_a_method_asks_what_the_document_has(method, document):
 
 
 @pytest.mark.parametrize(
-    ("verb", "asks", "answers"),
+    ("verb", "asks", "body", "answers"),
     [
-        ("claim", ClaimRequest(worker=worker_info(), n_jobs=1), ClaimAnswer),
-        ("heartbeat", HeartbeatRequest(worker=worker_info(), held=()), HeartbeatAnswer),
-        ("complete", CompleteRequest(job_id=1, attempt=1, outcome={"ending": "crash"}), CompleteAnswer),
+        ("claim", ClaimRequest(worker=worker_info(), n_jobs=1), ClaimRequest, ClaimAnswer),
+        ("heartbeat", HeartbeatRequest(worker=worker_info(), held=()), HeartbeatRequest, HeartbeatAnswer),
+        ("complete", CRASHED, CompleteRequest, CompleteAnswer),
     ],
 )
-def test_a_dispatcher_asks_what_the_document_has(document, verb, asks, answers):
+def test_a_dispatcher_asks_what_the_document_has(document, verb, asks, body, answers):
     with Api("http://node7:8741") as api:
         request = request_of(api, lambda: getattr(HttpSource(api), verb)(asks))
     operation = operation_of(document, request)
     assert operation == document["paths"][f"/api/v1/jobs/{verb}"]["post"]
-    (body,), answer = operation["requestBody"]["content"].values(), operation["responses"]["200"]
-    assert type(asks).__name__ in str(body["schema"]) and answers.__name__ in str(answer)
+    (content,), answer = operation["requestBody"]["content"].values(), operation["responses"]["200"]
+    assert body.__name__ in str(content["schema"]) and answers.__name__ in str(answer)
 
 
 @pytest.mark.parametrize("route", ROUTES.values(), ids=ROUTES)
