@@ -17,7 +17,7 @@ GM_JUPITER = 126712764.1
 RADIUS_EARTH_KM = 6378.137
 RADIUS_MOON_KM = 1737.4
 
-#: Lowest passages [km] that a solution may have unless somebody asks for others: above the air, and above the
+#: Least altitudes [km] of a solution unless other values are given: above the atmosphere, and above the
 #: mountains and what a flight is off by.
 LOWEST_OVER_EARTH_KM = 200.0
 LOWEST_OVER_MOON_KM = 100.0

@@ -25,7 +25,7 @@ def csv_text(rows: Iterable[Iterable[Any]], line_end: str = "\n") -> str:
 
 
 def without_formula(text: str) -> str:
-    """Return a text of somebody else's for a cell, behind an apostrophe if a spreadsheet would compute it.
+    """Return an untrusted text for a cell, after an apostrophe if a spreadsheet would read it as a formula.
 
     Parameters
     ----------

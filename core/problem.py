@@ -93,7 +93,7 @@ Positive = Annotated[float, Field(gt=0)]
 
 
 class _Strict(BaseModel):
-    # Built when it is first used: whoever lists solutions makes no problem.
+    # Built on first use: listing solutions does not need problems.
     model_config = ConfigDict(defer_build=True, frozen=True, extra="forbid", allow_inf_nan=False)
 
 
