@@ -456,7 +456,7 @@ N_MOMENTS = 60
 def campaign_cards(
     session: Session, known: HistoryCache, now: float, name_or_id: str | None = None
 ) -> list[CampaignCard]:
-    """Return the campaigns, the newest first, or the one of a name or id if there is one."""
+    """Return the campaigns, the newest first, or the one of an id or name if there is one."""
     only = None
     if name_or_id is not None:
         only = look_up_campaign(session, name_or_id)

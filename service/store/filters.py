@@ -137,11 +137,13 @@ def find_campaign(session: Session, name_or_id: str) -> int:
 
 
 def look_up_campaign(session: Session, name_or_id: str) -> int | None:
-    """Return the newest campaign of a name, or else that of an id, or None."""
-    # A campaign may be named "7".
-    found = session.scalar(select(func.max(CampaignRow.id)).where(CampaignRow.name == name_or_id))
-    if found is None and name_or_id.isdecimal() and len(name_or_id) < 19:
+    """Return the campaign of an id, or else the newest of a name, or None."""
+    found = None
+    # A campaign may be named "7", and must not hide the seventh.
+    if name_or_id.isdecimal() and len(name_or_id) < 19:
         found = session.scalar(select(CampaignRow.id).where(CampaignRow.id == int(name_or_id)))
+    if found is None:
+        found = session.scalar(select(func.max(CampaignRow.id)).where(CampaignRow.name == name_or_id))
     return found
 
 

@@ -182,12 +182,12 @@ def test_a_campaign_is_submitted_paused_resumed_and_cancelled(running):
     assert client.control_campaign(view.id, "cancel").state == "cancelled"
 
 
-def test_a_campaign_is_found_by_name_and_then_by_id_with_and_without_a_coordinator(running):
+def test_a_campaign_is_found_by_id_and_then_by_name_with_and_without_a_coordinator(running):
     store, client = running
     ids = [submitted(store, _named_campaign(name)) for name in ("7", "mine", "mine", "1")]
     for source in (client, store):
         # The last is named as the first is numbered.
-        assert [source.find_campaign(wanted) for wanted in ("7", "mine", "2", "1")] == [1, 3, 2, 4]
+        assert [source.find_campaign(wanted) for wanted in ("7", "mine", "2", "1")] == [1, 3, 2, 1]
         with pytest.raises(UserError, match="campaign 99: expected one that exists, got none with this name"):
             source.find_campaign("99")
     assert ids == [1, 2, 3, 4]
