@@ -36,7 +36,7 @@ from platformdirs import user_data_path
 from workers.child import runner_named
 from workers.errors import WorkerError
 from workers.executor import ExecutorError, ExecutorLostError
-from workers.messages import Claim, Ended, packed, sealed
+from workers.messages import Claim, Ended, JobOutcome, packed, sealed
 from workers.process_tree import require_one_thread, single_threaded
 
 
@@ -79,7 +79,11 @@ def execute(runner: str, claim: str, expected: tuple[str, ...]) -> bytes:
         if tuple(versions()) != tuple(expected):
             raise ForeignWorkerError(f"worker on {platform.node()}: {difference(expected, versions())}")
         outcome = runner_named(runner)(Claim.model_validate_json(claim).job, stop)
-    # So small that Ray carries up to a dozen solves in its reply.
+    return compress(outcome)
+
+
+def compress(outcome: JobOutcome) -> bytes:
+    """Return an outcome small enough for Ray to carry it in its reply, where it has up to a dozen solves."""
     return zlib.compress(json.dumps(packed(sealed(Ended, outcome))).encode())
 
 

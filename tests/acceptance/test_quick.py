@@ -91,7 +91,7 @@ def test_an_interrupted_run_keeps_its_results_and_goes_on_to_the_end(runs):
     _, (code, printed, n_kept), (code_then, printed_then) = runs
     assert code == 130 and "every result is kept" in printed and "Traceback" not in printed
     assert n_kept >= 1
-    assert code_then == 0 and "Going on with campaign 1" in printed_then and "quick: done" in printed_then
+    assert code_then == 0 and "Resuming campaign 1" in printed_then and "quick: done" in printed_then
 
 
 def test_every_search_has_verified_strict_solutions(records):

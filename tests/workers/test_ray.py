@@ -94,7 +94,7 @@ def test_a_runner_that_raises_is_a_crash_with_its_traceback(executor):
 @pytest.mark.ray
 def test_an_outcome_too_large_for_a_reply_arrives_all_the_same(executor):
     job = hop_job(n_hops=150)
-    assert len(ray_nodes.packed(fake.run_fake(job))) > 100_000
+    assert len(ray_nodes.compress(fake.run_fake(job))) > 100_000
     executor.submit(Ticket(1, 1), job)
     assert fake.opened(executor.finished(60.0)[0].outcome) == fake.run_fake(job)
 

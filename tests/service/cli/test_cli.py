@@ -267,7 +267,7 @@ def test_an_interrupted_run_stops_cleanly_and_goes_on_to_the_same_end(tmp_path, 
     assert process.returncode == 130 and "every result is kept" in printed and "Traceback" not in printed
     process = start(folder, "run", spec_file)
     printed, _ = process.communicate(timeout=PATIENCE_S)
-    assert process.returncode == 0 and "Going on with campaign 1" in printed
+    assert process.returncode == 0 and "Resuming campaign 1" in printed
     with Store(folder, read_only=True) as store:
         assert content(store) == expected
 
