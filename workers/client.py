@@ -17,7 +17,6 @@ import httpx
 from pydantic import BaseModel, ValidationError
 
 from core.errors import UserError
-from workers.errors import WorkerError
 from workers.messages import (
     ClaimAnswer,
     ClaimRequest,
@@ -33,6 +32,7 @@ from workers.messages import (
     StaleAttemptError,
     UnacceptableError,
     UnreachableError,
+    WorkerError,
 )
 
 #: Where the routes of the coordinator begin.

@@ -30,11 +30,9 @@ from pydantic import Field, SecretStr
 from workers import logs
 from workers.child import runner_named
 from workers.client import Api, ApiError, HttpSource
-from workers.dispatcher import Dispatcher
-from workers.executor import Executor, ExecutorError, ExecutorLostError, Inline
+from workers.dispatcher import Dispatcher, Outbox
+from workers.executor import Executor, ExecutorError, ExecutorLostError, Inline, ProcessPool
 from workers.messages import Message, RefusedError, RowId, WorkerInfo
-from workers.outbox import Outbox
-from workers.process_pool import ProcessPool
 from workers.process_tree import Usage, kill_descendants
 from workers.provenance import code_version
 

@@ -4,26 +4,43 @@ A job is held from its claim until the source has acknowledged its outcome, or s
 it by now.  While the source is silent everything held is kept, and what has ended waits to be reported, for
 hours if need be, and in files that the next dispatcher finds: only the source knows whether a lease ran out,
 and its fence refuses what comes too late.
+
+What a coordinator has not taken yet waits in the outbox, a folder of files.  A file is the body of
+`POST /jobs/complete` as it stands, `job-17-attempt-1.json`, written whole or not at all.  The next dispatcher
+of the same folder offers what it finds there.  What is refused for good is moved to `refused`, where somebody
+may look at it, mend the reason and move it back.  Heartbeats are sent from a thread of their own: a solve in
+the dispatcher's thread must not delay them.
 """
 
 import logging
+import os
+import queue
+import threading
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Self
+
+from pydantic import ValidationError
 
 from workers.executor import Executor, ExecutorError
-from workers.heartbeat import Heartbeat
 from workers.messages import (
+    MOST_HELD,
     MOST_REPORTS,
     RESULTS,
     ClaimAnswer,
     ClaimRequest,
     CompleteAnswer,
+    CompleteRequest,
     Ended,
     Ending,
     FaultyError,
     Finished,
     HandedIn,
+    HeartbeatAnswer,
+    HeartbeatRequest,
+    HeldJob,
     JobSource,
     Reached,
     Sealed,
@@ -34,13 +51,145 @@ from workers.messages import (
     UnreachableError,
     WorkerInfo,
     job_digest,
+    sealed,
     wall_limit_s,
 )
-from workers.outbox import Outbox
 from workers.process_tree import Usage
 from workers.retry import Awake, Backoff, Downtime
 
 log = logging.getLogger(__name__)
+
+
+class Outbox:
+    """A folder of reports; a disk that takes none is logged, and never stops the work."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def reports(self) -> Iterator[Finished]:
+        """Yield the outcomes that an earlier dispatcher could not report."""
+        for path in sorted(self.folder.glob("job-*.json")):
+            try:
+                report = CompleteRequest.model_validate_json(path.read_bytes())
+                yield Finished(report.ticket, sealed(Ended, report.outcome), report.job_digest)
+            except (OSError, ValidationError) as error:
+                log.error(
+                    "outcome %s: expected a report of this version, got %s; left where it is", path, error
+                )
+
+    def put(self, report: Finished) -> bool:
+        """Write a report; return whether it is on disk."""
+        return self._write(self.folder, report) is not None
+
+    def remove(self, ticket: Ticket) -> None:
+        """Delete a report that was accepted."""
+        try:
+            (self.folder / _name(ticket)).unlink(missing_ok=True)
+        except OSError as error:
+            # It is offered again after the next start, and answered as a report that came twice.
+            log.warning("outcome of job %d: expected to remove its file, got %s", ticket.job_id, error)
+
+    def set_aside(self, report: Finished) -> Path | None:
+        """Move a report to the rejected ones; return its path."""
+        path = self._write(self.folder / "refused", report)
+        if path is not None:
+            self.remove(report.ticket)
+        return path
+
+    def _write(self, folder: Path, report: Finished) -> Path | None:
+        path = folder / _name(report.ticket)
+        draft = path.with_name(f"{path.name}.{os.getpid()}")
+        try:
+            folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+            # Results are for their owner alone, as the archive is.
+            descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+            with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
+                stream.write(report.to_json())
+            draft.replace(path)
+        except OSError as error:
+            log.error("outcome of job %d: expected room for %s, got %s", report.ticket.job_id, path, error)
+            return None
+        return path
+
+
+def _name(ticket: Ticket) -> str:
+    return f"job-{ticket.job_id}-attempt-{ticket.attempt}.json"
+
+
+#: How soon after its start a worker is heard of, before it knows how often it has to be [s].
+FIRST_PERIOD_S = 0.25
+#: How often it is asked in between what to cancel, which writes nothing [s].
+LOOK_S = 0.5
+
+
+class Heartbeat:
+    """Periodically reports the held jobs and collects the answers."""
+
+    def __init__(
+        self,
+        source: JobSource,
+        info: Callable[[], WorkerInfo],
+        held: Callable[[], Sequence[Ticket]],
+        downtime: Downtime,
+    ) -> None:
+        #: As the source wants it [s].
+        self.period_s = FIRST_PERIOD_S
+        self._source = source
+        self._info = info
+        self._held = held
+        self._downtime = downtime
+        self._answers: queue.SimpleQueue[HeartbeatAnswer] = queue.SimpleQueue()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="heartbeat", daemon=True)
+        self._fault: Exception | None = None
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Stop; do not wait for an in-flight request."""
+        self._stop.set()
+
+    def answers(self) -> Iterator[HeartbeatAnswer]:
+        """Return the answers that have arrived; raise what ended the thread, if something did."""
+        if self._fault is not None:
+            raise self._fault
+        while not self._answers.empty():
+            yield self._answers.get()
+
+    def beat(self, extend: bool = True) -> None:
+        """Send one heartbeat, to extend the leases or only to learn what to cancel."""
+        held = [HeldJob(**ticket._asdict()) for ticket in self._held()]
+        for first in range(0, max(1, len(held)), MOST_HELD):
+            part = tuple(held[first : first + MOST_HELD])
+            request = HeartbeatRequest(worker=self._info(), held=part, extend=extend)
+            self._answers.put(self._source.heartbeat(request))
+
+    def look(self) -> None:
+        """Ask what to cancel, if anything is held."""
+        if self._held():
+            self.beat(extend=False)
+
+    def _run(self) -> None:
+        backoff, pause_s = Backoff(), self.period_s
+        next_beat = time.monotonic() + pause_s
+        while not self._stop.wait(pause_s):
+            try:
+                if time.monotonic() < next_beat:
+                    self.look()
+                else:
+                    self.beat()
+                    next_beat = time.monotonic() + self.period_s
+                backoff.succeeded()
+                pause_s = min(LOOK_S, max(0.0, next_beat - time.monotonic()))
+            except UnreachableError as error:
+                self._downtime.tell(f"heartbeat: {error}")
+                pause_s = min(backoff.failed(error.wait_s), self.period_s)
+            except Exception as fault:
+                self._fault = fault
+                return
+
 
 #: Longest wait for an outcome before new jobs are asked for again [s].
 PATIENCE_S = 0.2

@@ -29,16 +29,7 @@ from core.problem import Problem, problem_from
 from core.search import GUESS_LAWS, HopSettings
 from core.transcription import DEFAULT_LEGS, Transcription, checked_vector, layout_of, transcribe
 from workers.executor import Executor
-from workers.messages import (
-    Address,
-    HopJob,
-    Job,
-    JobOutcome,
-    JobSettings,
-    MapJob,
-    SolveRecord,
-    Ticket,
-)
+from workers.messages import Address, HopJob, Job, JobOutcome, JobSettings, MapJob, SolveRecord, Ticket
 
 __all__ = [
     "DISTINCT",

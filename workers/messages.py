@@ -23,7 +23,11 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from core.errors import UserError
 from core.search.settings import HopSettings
-from workers.errors import WorkerError
+
+
+class WorkerError(RuntimeError):
+    """Something that carries, hands out or runs jobs cannot do its work."""
+
 
 #: `HopAddress.kind` of the two kinds of job; part of every generator's key, so never renumbered.
 KIND_NUMBERS = {"hop": 0, "map": 1}

@@ -12,7 +12,7 @@ from typing import TypedDict
 
 import psutil
 
-from workers.errors import WorkerError
+from workers.messages import WorkerError
 
 _PR_SET_CHILD_SUBREAPER = 36
 

@@ -34,9 +34,8 @@ from typing import Any, NamedTuple
 from platformdirs import user_data_path
 
 from workers.child import runner_named
-from workers.errors import WorkerError
 from workers.executor import ExecutorError, ExecutorLostError
-from workers.messages import Claim, Ended, JobOutcome, packed, sealed
+from workers.messages import Claim, Ended, JobOutcome, WorkerError, packed, sealed
 from workers.process_tree import require_one_thread, single_threaded
 
 

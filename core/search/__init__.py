@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from core.lazy import on_demand
 
 if TYPE_CHECKING:
-    from core.search.guess_laws import sample_guess
     from core.search.hopping import (
         Chain,
         ChainState,
@@ -19,6 +18,7 @@ if TYPE_CHECKING:
         hop_rng,
         hop_times,
         is_better,
+        sample_guess,
     )
     from core.search.mapping import map_seed
     from core.search.recovery import solve_recovery, solve_seed
@@ -80,7 +80,7 @@ _HOMES = {
     "is_better": "hopping",
     "map_seed": "mapping",
     "refined_problem": "settings",
-    "sample_guess": "guess_laws",
+    "sample_guess": "hopping",
     "solve_recovery": "recovery",
     "solve_seed": "recovery",
 }

@@ -21,7 +21,7 @@ from core.nlp import SolveSettings
 from core.problem import load_problem
 from service.cli import terminal
 from service.cli.options import Json
-from workers.executor import Executor
+from workers.executor import Executor, ProcessPool
 from workers.measure_chains import (
     ChainPlan,
     SolvedLink,
@@ -53,7 +53,6 @@ from workers.measure_solves import (
     write_json,
     write_solutions,
 )
-from workers.process_pool import ProcessPool
 from workers.provenance import machine
 
 Plan = TypeVar("Plan")

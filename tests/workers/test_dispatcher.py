@@ -9,7 +9,7 @@ from tests.service.clock import Clock
 from tests.workers.fake import opened, run_fake
 from tests.workers.jobs import hop_job, worker_info
 from workers.dispatcher import Dispatcher, StaleAttemptError
-from workers.executor import ExecutorLostError, Inline
+from workers.executor import ExecutorLostError, Inline, ProcessPool
 from workers.messages import (
     Claim,
     ClaimAnswer,
@@ -25,7 +25,6 @@ from workers.messages import (
     sealed,
     wall_limit_s,
 )
-from workers.process_pool import ProcessPool
 from workers.retry import Backoff
 
 INFO = worker_info()

@@ -9,9 +9,8 @@ import pytest
 
 from tests.workers import fake
 from tests.workers.jobs import hop_job
-from workers.executor import ExecutorError, Inline
+from workers.executor import ExecutorError, Inline, ProcessPool
 from workers.messages import Ending, Ticket
-from workers.process_pool import ProcessPool
 from workers.process_tree import THREAD_VARIABLES
 
 FAKE = "tests.workers.fake:"

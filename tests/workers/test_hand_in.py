@@ -15,7 +15,7 @@ from tests.workers.jobs import hop_job, worker_info
 from tests.workers.test_dispatcher import ListSource
 from workers import run
 from workers.dispatcher import Dispatcher
-from workers.executor import Inline
+from workers.executor import Inline, ProcessPool
 from workers.messages import (
     ChainPlace,
     Ending,
@@ -29,7 +29,6 @@ from workers.messages import (
     UnreachableError,
     sealed,
 )
-from workers.process_pool import ProcessPool
 
 N_HOPS = 12
 #: Ten variables with two segments of control.

@@ -10,7 +10,7 @@ from core.nlp import SolveSettings
 from tests.acceptance.known import VECTORS
 from tests.workers.fake import run_broken, run_fake
 from tests.workers.jobs import PROBLEM
-from workers.executor import Inline
+from workers.executor import Inline, ProcessPool
 from workers.measure_solves import (
     DISTINCT,
     GuessPlan,
@@ -27,7 +27,6 @@ from workers.measure_solves import (
     write_solutions,
 )
 from workers.messages import Ending, JobOutcome
-from workers.process_pool import ProcessPool
 from workers.run import run_job
 
 X = [tuple(x) for x in VECTORS["S(0)"]]

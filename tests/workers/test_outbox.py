@@ -5,7 +5,7 @@ import pytest
 from tests.workers.fake import opened, run_fake
 from tests.workers.jobs import hop_job, worker_info
 from tests.workers.test_dispatcher import FailingSource, ListSource
-from workers.dispatcher import MOST_FAULTS, Dispatcher
+from workers.dispatcher import MOST_FAULTS, Dispatcher, Outbox
 from workers.executor import Inline
 from workers.messages import (
     CompleteAnswer,
@@ -22,7 +22,6 @@ from workers.messages import (
     job_digest,
     sealed,
 )
-from workers.outbox import Outbox
 from workers.retry import Backoff
 
 #: More often than a report is tried before it counts as the report's fault.

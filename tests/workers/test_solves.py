@@ -7,8 +7,8 @@ import pytest
 from core.search import HopSettings
 from tests.workers.fake import opened
 from tests.workers.jobs import hop_job
+from workers.executor import ProcessPool
 from workers.messages import Ending, JobSettings, Ticket
-from workers.process_pool import ProcessPool
 from workers.process_tree import THREAD_VARIABLES
 from workers.run import run_job
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from core.search import map_seed
-from core.search.alignment import Seed, thrust_profile
-from core.search.mapping import outage_profiles
+from core.search.mapping import Seed, outage_profiles, thrust_profile
 from core.transcription import Transcription, layout_of, throttle_of
 from tests.core.search.seeds import ONE, robust_solution
 from tests.core.transcription.points import problem

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from core.search import GUESS_LAWS, guess_laws, sample_guess
+from core.search import GUESS_LAWS, hopping, sample_guess
 from core.transcription import ReferencePath, throttle_of
 from tests.core.transcription.points import transcription
 
@@ -81,7 +81,7 @@ def angles_to_velocity(x):
 
 
 def test_thrust_coast_thrust_points_along_the_velocity(monkeypatch):
-    monkeypatch.setattr(guess_laws, "CONE_RAD", 0.0)
+    monkeypatch.setattr(hopping, "CONE_RAD", 0.0)
     for rng_seed in range(3):
         x = sample_guess(flown(), np.random.default_rng(rng_seed), "thrust-coast-thrust")
         assert angles_to_velocity(x).max() < 1e-6  # the root of rounding, as acos has it near 1

@@ -3,6 +3,7 @@ import signal
 import sqlite3
 
 import pytest
+from workers.process_pool import ProcessPool
 
 from core.problem import problem_from
 from service import scheduler
@@ -14,7 +15,6 @@ from tests.service.campaigns import OUTAGE, content, finish, spec_fields, submit
 from tests.service.clock import Clock
 from tests.workers.fake import PROVENANCE, run_fake
 from workers.messages import Ending, JobOutcome, MapJob, StaleAttemptError, Ticket
-from workers.process_pool import ProcessPool
 
 
 def rows(store, query):
