@@ -13,7 +13,8 @@ from sqlalchemy.orm import Session
 
 from benchmarks.load import PROVENANCE
 from core.constants import SECONDS_PER_DAY
-from core.problem import calendar_epoch, content_hash
+from core.epochs import calendar_epoch
+from core.plain_data import content_hash
 from service.db.dialect import FILL_TALLIES, TOTALS, insert_new, plain
 from service.db.engine import URL_VARIABLE, Database, place_of
 from service.db.tables import (

@@ -18,7 +18,8 @@ from urllib.parse import urlsplit
 import numpy as np
 
 from core.constants import SECONDS_PER_DAY
-from core.problem import Problem, calendar_epoch, problem_from
+from core.epochs import calendar_epoch
+from core.problem import Problem, problem_from
 from service.validation import facts_of, figures
 from workers.messages import KIND_NUMBERS, WorkerInfo
 

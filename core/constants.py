@@ -4,10 +4,7 @@ Gravitational parameters are those of DE440; a test compares them with the value
 Units: km, s, kg.
 """
 
-#: Perturbing bodies in the order of every ephemeris table and force loop; the Earth is the centre.
-BODIES = ("MOON", "SUN", "JUPITER BARYCENTER")
-
-#: Gravitational parameters [km^3/s^2] of the Earth and of `BODIES`, in that order.
+#: Gravitational parameters [km^3/s^2].
 GM_EARTH = 398600.43550702266
 GM_MOON = 4902.8001184575496
 GM_SUN = 132712440041.27942

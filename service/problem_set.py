@@ -41,9 +41,9 @@ from core.ephemeris.kernels import furnish, kernel_hashes, one_at_a_time
 from core.errors import UserError, fault_lines
 from core.export import csv_lines, export_states
 from core.orbits import departure_state, target_kernel
-from core.plain_data import MOST_FILE_BYTES
+from core.plain_data import MOST_FILE_BYTES, content_hash
 from core.plain_data import read_toml as tables_in
-from core.problem import Problem, ProblemError, content_hash, problem_from
+from core.problem import Problem, ProblemError, problem_from
 from core.tolerances import STRICT, violation
 from core.transcription import layout_of
 from core.verification.repropagation import Pilot, UnflyableError

@@ -23,13 +23,15 @@ from numpy.typing import NDArray
 
 from core.analysis.metrics import total_delta_v_km_s, transfer_delta_v_km_s
 from core.constants import SECONDS_PER_DAY
+from core.epochs import seconds_past_j2000
 from core.nlp import ExitStatus, SolveSettings
 from core.orbits import departure_state
-from core.problem import Problem, seconds_past_j2000
+from core.problem import Problem
 from core.search import HopAddress
-from core.tolerances import PAPER, STRICT, violation
+from core.tolerances import Tolerance, violation
 from core.transcription import Layout, checked_vector, layout_of
 from core.verification.verify import BOUND_SLACK, holds
+from core.world import world_of
 from workers.messages import (
     KIND_NUMBERS,
     RESULTS,
@@ -176,7 +178,8 @@ def require_solution(
     if defects.size != about.n_defects:
         raise UnsoundError(f"{thing}: expected {about.n_defects} defects, got {defects.size}")
     rows, (paper, strict) = defects.reshape(-1, 7), levels
-    if not paper or not holds(rows, PAPER) or (strict and not holds(rows, STRICT)):
+    world = world_of(about.problem)
+    if not paper or not holds(rows, world.loose) or (strict and not holds(rows, world.strict)):
         raise UnsoundError(f"{thing}: expected defects within its level, got larger ones")
     return vector
 
@@ -276,19 +279,19 @@ def _require_record(job: JobFacts, record: SolveRecord) -> None:
     most = ITERATION_MARGIN * (limit + 100) * (1 + about.problem.k)
     if record.n_iterations > most:
         raise UnsoundError(f"{thing}: expected n_iterations up to {most}, got {record.n_iterations}")
-    _require_feasibility(thing, record)
+    _require_feasibility(thing, record, world_of(about.problem).strict)
     if record.x is not None:
         _require_found(thing, about, record)
 
 
-def _require_feasibility(thing: str, record: SolveRecord) -> None:
+def _require_feasibility(thing: str, record: SolveRecord, strict: Tolerance) -> None:
     if record.is_feasible != (record.violation is not None and record.violation <= 1.0):
         raise UnsoundError(
             f"{thing}: expected is_feasible where the violation is at most 1, got {record.is_feasible} "
             f"at {record.violation}"
         )
     defects = np.array(record.defects, dtype=np.float64)
-    if record.is_feasible and not violation(defects) <= 1.0 + RELATIVE:
+    if record.is_feasible and not violation(defects, strict) <= 1.0 + RELATIVE:
         raise UnsoundError(
             f"{thing}: expected defects within the strict tolerance, got is_feasible beyond it"
         )

@@ -17,15 +17,18 @@ from numpy.typing import NDArray
 from core import constants
 from core.analysis.metrics import total_delta_v_km_s, transfer_delta_v_km_s
 from core.constants import SECONDS_PER_DAY
+from core.epochs import calendar_epoch
 from core.export import trajectory_name
 from core.orbits import departure_state
-from core.problem import Problem, calendar_epoch, content_hash
+from core.plain_data import content_hash
+from core.problem import Problem
 from core.transcription import layout_of
 from core.verification.certificate import Certification, Repropagation, certify, lowest_passages
 from core.verification.closest_approach import Approach
 from core.verification.end_to_end import apart
 from core.verification.repropagation import ATOL
 from core.verification.verify import Verification
+from core.world import EARTH, USUAL, World, world_of
 from workers.certificate import (
     CERTIFICATE_VERSION,
     CertificateContent,
@@ -107,7 +110,9 @@ def trajectory(problem: Problem, x: NDArray[np.float64], verification: Verificat
     )
 
 
-#: Constants that a flight depends on, by their names in `core.constants`.
+#: The frame of each world's certificates.
+FRAMES = {"EARTH": "geocentric, axes J2000 (ICRF)", "SUN": "heliocentric, axes J2000 (ICRF)"}
+#: Constants that a flight in the Earth's world depends on, by their names in `core.constants`.
 CONSTANTS = ("GM_EARTH", "GM_MOON", "GM_SUN", "GM_JUPITER", "RADIUS_EARTH_KM", "RADIUS_MOON_KM", "G0")
 
 
@@ -164,12 +169,12 @@ def _content(solution_id: str, problem: Problem, found: Certification) -> Certif
         ),
         kernels=dict(flight.kernels),
         third=_third(found),
-        **_toolchain(),
+        **_toolchain(world_of(problem)),
     )
 
 
 def _limits(found: Certification) -> dict[str, Any]:
-    lowest = min(found.min_altitudes_km.values())
+    lowest = min(found.min_altitudes_km.values(), default=0.0)
     differ = any(limit != lowest for limit in found.min_altitudes_km.values())
     by_body = {"min_altitudes_km": dict(found.min_altitudes_km)} if differ else {}
     return {"min_altitude_km": lowest} | by_body
@@ -186,13 +191,24 @@ def _marks(found: Certification) -> Iterator[str]:
         yield f"{name} arrives with {lack.mass_kg:.3f} kg, below the {lack.least_kg:g} kg that it has to keep"
 
 
-def _toolchain() -> dict[str, Any]:
+def _constants(world: World) -> dict[str, float]:
+    """Return the constants that a flight depends on, by name."""
+    if world.center.name == "EARTH" and tuple(body.name for body in world.bodies) == USUAL["EARTH"]:
+        return {name: getattr(constants, name) for name in CONSTANTS}
+    of_bodies = {
+        f"GM_{body.name.replace(' ', '_')}": body.gm_km3_s2 for body in (world.center, *world.bodies)
+    }
+    radii = {f"RADIUS_{body.name}_KM": body.radius_km for body in world.solid}
+    return of_bodies | radii | {"G0": constants.G0}
+
+
+def _toolchain(world: World = EARTH) -> dict[str, Any]:
     made = provenance()
     return {
         "certificate_version": CERTIFICATE_VERSION,
-        "frame": "geocentric, axes J2000 (ICRF)",
+        "frame": FRAMES[world.center.name],
         "time_scale": "TDB",
-        "constants": {name: getattr(constants, name) for name in CONSTANTS},
+        "constants": _constants(world),
         "code_version": made.code_version,
         "python_version": made.python_version,
         "package_versions": made.package_versions,

@@ -27,8 +27,9 @@ from core.search import (
     solve_recovery,
     solve_seed,
 )
-from core.tolerances import PAPER, violation
+from core.tolerances import violation
 from core.transcription import TOLERANCE, Transcription
+from core.world import world_of
 from workers.certify import finite_or_none, trajectory, verification_record
 from workers.messages import (
     KIND_NUMBERS,
@@ -306,7 +307,7 @@ def _record(
 def _verify(problem: Problem, outcome: Outcome) -> dict[str, Any]:
     """Return vector, facts and certificate of a solution, or nothing if it is none."""
     # The verifier lets pass what touches no surface.
-    if outcome.status is ExitStatus.IMPACT or violation(outcome.defects, PAPER) > 1.0:
+    if outcome.status is ExitStatus.IMPACT or violation(outcome.defects, world_of(problem).loose) > 1.0:
         return {}
     stopwatch = Stopwatch()
     verification = core.verify(problem, outcome.x)

@@ -16,11 +16,8 @@ from numpy.typing import ArrayLike
 from core.analysis.campaign_facts import Level, SolveFacts
 from core.analysis.campaign_statistics import BY_STRATEGY, Findings, columns_of_group, group_solves, solutions
 from core.analysis.metrics import Ratio, Spread, feasibility_ratio, spread
-from core.tolerances import STRICT
-
-#: A change of propellant below the accuracy of the verifier [kg].  Where a realization costs nothing, a
-#: second solve returns the seed's reference to 1e-9 kg, and the sign of the difference is noise.
-SAME_KG = STRICT.mass_kg
+from core.problem import Problem
+from core.world import world_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,9 +35,9 @@ class PairedChange:
     propellant_kg: Spread
     #: Of the transfer.
     delta_v_km_s: Spread
-    #: Share of the pairs in which the solution needs less than its seed, by more than `SAME_KG`.
+    #: Share of the pairs in which the solution needs less than its seed, by more than `negligible_kg`.
     cheaper: Ratio
-    #: Two-sided signed-rank test of the propellant, one number per seed; less than `SAME_KG` is no change.
+    #: Two-sided signed-rank test of the propellant, one number per seed; below `negligible_kg` is no change.
     wilcoxon_p: float
 
 
@@ -104,7 +101,7 @@ def paired_change(findings: Findings, solves: Sequence[SolveFacts], level: Level
     docs/method.md, "Metrics".
     """
     mass: dict[str, list[float]] = {}
-    delta_v = []
+    delta_v, least = [], negligible_kg(findings.facts.problem)
     for solve in solutions(solves, level):
         seed = findings.found_by.get(solve.seed_id or "")
         if seed is None or solve.seed_id is None:
@@ -120,13 +117,22 @@ def paired_change(findings: Findings, solves: Sequence[SolveFacts], level: Level
         n_seeds=len(mass),
         propellant_kg=spread(changes),
         delta_v_km_s=spread(delta_v),
-        cheaper=feasibility_ratio(sum(change < -SAME_KG for change in changes), len(changes)),
-        wilcoxon_p=wilcoxon_p([_zero_if_negligible(float(np.mean(pairs))) for pairs in mass.values()]),
+        cheaper=feasibility_ratio(sum(change < -least for change in changes), len(changes)),
+        wilcoxon_p=wilcoxon_p([_zero_below(float(np.mean(pairs)), least) for pairs in mass.values()]),
     )
 
 
-def _zero_if_negligible(change_kg: float) -> float:
-    return 0.0 if abs(change_kg) <= SAME_KG else change_kg
+def negligible_kg(problem: Problem) -> float:
+    """Return the change of propellant that is below the accuracy of the verifier [kg].
+
+    Where a realization costs nothing, a second solve returns the seed's reference to 1e-9 kg, and the sign of
+    the difference is noise.
+    """
+    return world_of(problem).strict.mass_kg
+
+
+def _zero_below(change_kg: float, least_kg: float) -> float:
+    return 0.0 if abs(change_kg) <= least_kg else change_kg
 
 
 def wilcoxon_p(changes: ArrayLike) -> float:

@@ -1,8 +1,9 @@
 """A solution sampled for figures: position, mass and thrust, arc by arc.
 
 Samples are dense where an arc curves and sparse where it does not.
-Frames: inertial is geocentric J2000.  Rotating is geocentric too, x along the Moon, z along the Moon's
-angular momentum, both instantaneous, with lengths scaled so that the Moon stays at 384,400 km.
+Frames: inertial is J2000, its origin the centre of the world.  Rotating has the same origin, x along the
+first body of the world (near the Earth the Moon, with no body the target), z along its angular momentum, both
+instantaneous, with lengths scaled so that the body stays at one length unit (near the Earth 384,400 km).
 Units: km, kg, rad, days past the departure epoch; canonical inside.  For verification use
 `core.verification.verify`.
 """
@@ -18,9 +19,9 @@ from core.dynamics import ForceModel, propagate
 from core.ephemeris import EphemerisTable, positions, span_days, state_at
 from core.jit import compiled
 from core.problem import Outage, Problem
-from core.transcription import STATE_SCALE, TrajectoryLayout, Transcription, checked_vector, transcribe
+from core.transcription import TrajectoryLayout, Transcription, checked_vector, transcribe
 from core.transcription.control import thrust_of
-from core.units import LU_KM, MU_KG, TU_DAYS, VU_KM_S
+from core.units import LU_KM, TU_DAYS
 
 Array = NDArray[np.float64]
 
@@ -100,11 +101,13 @@ def sample_arc(
 
 @compiled
 def _free_fall(gm: Array, bodies: Array, state: Array) -> float:
-    """Return the time per radian of a circular orbit about the Earth or the Moon, whichever is shorter."""
-    to_earth = (state[0] ** 2 + state[1] ** 2 + state[2] ** 2) ** 1.5 / gm[0]
+    """Return the time per radian of a circular orbit about centre or first body, whichever is shorter."""
+    to_center = (state[0] ** 2 + state[1] ** 2 + state[2] ** 2) ** 1.5 / gm[0]
     x, y, z = state[0] - bodies[0], state[1] - bodies[1], state[2] - bodies[2]
-    to_moon = (x * x + y * y + z * z) ** 1.5 / gm[1]
-    return float(min(to_earth, to_moon) ** 0.5)
+    to_first = (x * x + y * y + z * z) ** 1.5
+    if gm[1] > 0.0:
+        to_center = min(to_center, to_first / gm[1])
+    return float(to_center**0.5)
 
 
 #: Samples per radian of the local circular orbit: about 125 a revolution, whatever its size.
@@ -238,16 +241,16 @@ def fly(
     for layout in others:
         start, state = _start_of(layout, reference)
         flown.append(sampler.trajectory(layout.outage, sampler.halves(layout, x, start, state)))
-    insertion = float(reference.backward[-1].times[0]) * TU_DAYS
+    insertion = float(reference.backward[-1].times[0]) * sampler.units.tu_days
     arrival = max(float(trajectory.days[-1]) for trajectory in flown)
     return Flight(
         trajectories=tuple(flown),
-        moon=sampler.path(sampler.moon_at, 0.0, arrival, MOON_STEP_DAYS),
-        target=sampler.path(sampler.target_at, insertion, insertion + TARGET_DAYS, TARGET_STEP_DAYS),
+        moon=sampler.path(sampler.moon_at, 0.0, arrival, MOON_STEP_DAYS * sampler.slowness),
+        target=sampler.target_path(insertion, arrival),
     )
 
 
-def to_rotating(position: Array, moon: Array, moon_velocity: Array) -> Array:
+def to_rotating(position: Array, moon: Array, moon_velocity: Array, length_km: float = LU_KM) -> Array:
     """Return geocentric positions in the rotating frame of the pictures.
 
     Parameters
@@ -256,18 +259,20 @@ def to_rotating(position: Array, moon: Array, moon_velocity: Array) -> Array:
         Positions of a point and of the Moon [km], geocentric J2000.
     moon_velocity : (n, 3) array
         Velocity of the Moon in any unit: only its direction counts [km/s].
+    length_km : float
+        Where on the x axis the Moon is to be [km].
 
     Returns
     -------
     (n, 3) array
-        Scaled positions [km]; the Moon is at (384,400, 0, 0).
+        Scaled positions [km]; the Moon is at (length_km, 0, 0).
     """
     distance = np.linalg.norm(moon, axis=1, keepdims=True)
     momentum = np.cross(moon, moon_velocity)
     x = moon / distance
     z = momentum / np.linalg.norm(momentum, axis=1, keepdims=True)
     axes = np.stack([x, np.cross(z, x), z], axis=1)
-    rotated: Array = np.einsum("nij,nj->ni", axes, position) * (LU_KM / distance)
+    rotated: Array = np.einsum("nij,nj->ni", axes, position) * (length_km / distance)
     return rotated
 
 
@@ -286,19 +291,22 @@ class _Sampler:
     """Propagates the arcs of one problem and evaluates the positions of the bodies."""
 
     def __init__(self, transcription: Transcription, samples_per_radian: float, tolerance: float) -> None:
-        self.model = transcription.setting.model
+        self.model, self.units = transcription.setting.model, transcription.world.units
         self.target: EphemerisTable = transcription.setting.target
+        self.has_bodies = bool(transcription.world.bodies)
+        #: How many times slower things move than between Earth and Moon.
+        self.slowness = self.units.tu_days / TU_DAYS
         self.density_and_tolerance = samples_per_radian, tolerance
         self._times, self._states = np.empty(MAX_SAMPLES), np.empty((MAX_SAMPLES, 7))
 
     def halves(self, layout: TrajectoryLayout, x: Array, start: float, state: Array) -> _Halves:
         """Return a trajectory that leaves `state` at `start` [TU], or an outage that begins there."""
-        shooting, initial, final = x[layout.offset : layout.offset + 3] / TU_DAYS
+        shooting, initial, final = x[layout.offset : layout.offset + 3] / self.units.tu_days
         controls = x[layout.controls].reshape(-1, 3)
         h, n_forward = shooting / layout.n_segments, layout.matchpoint - 1
         forward = []
         if layout.outage is not None:
-            missed = layout.outage.duration_days / TU_DAYS
+            missed = layout.outage.duration_days / self.units.tu_days
             forward.append(self._piece("outage", 0, _COAST, start, start + missed, state))
             start, state = start + missed, forward[-1].states[-1]
         forward.append(self._piece("coast", 0, _COAST, start, start + initial, state))
@@ -307,7 +315,7 @@ class _Sampler:
             state = forward[-1].states[-1]
             forward.append(self._thrust(p + 1, controls[p], begin + p * h, begin + (p + 1) * h, state))
         end = begin + shooting
-        arrived = np.append(self._target_state(end + final), x[layout.final_mass] / MU_KG)
+        arrived = np.append(self._target_state(end + final), x[layout.final_mass] / self.units.mu_kg)
         backward = [self._piece("coast", 0, _COAST, end + final, end, arrived)]
         for p in range(layout.n_segments, n_forward, -1):
             state = backward[0].states[0]
@@ -325,7 +333,7 @@ class _Sampler:
         return _Piece(kind, segment, control, self._times[:n][order].copy(), self._states[:n][order].copy())
 
     def _target_state(self, t: float) -> Array:
-        days = t * TU_DAYS
+        days = t * self.units.tu_days
         relative, moon = state_at(self.target, days), state_at(self.model.bodies, days)
         return np.concatenate([moon[0, :3] + relative[0, :3], moon[1, :3] + relative[1, :3]])
 
@@ -337,8 +345,8 @@ class _Sampler:
             Arc(p.kind, p.segment, int(stop) - len(p.times), int(stop), *(float(u) for u in p.control))
             for p, stop in zip(pieces, stops, strict=True)
         )
-        days = np.concatenate([piece.times for piece in pieces]) * TU_DAYS
-        states = np.concatenate([piece.states for piece in pieces]) * STATE_SCALE
+        days = np.concatenate([piece.times for piece in pieces]) * self.units.tu_days
+        states = np.concatenate([piece.states for piece in pieces]) * self.units.state
         position = states[:, :3]
         moon, moon_velocity = self.moon_states(days)
         return FlownTrajectory(
@@ -347,7 +355,7 @@ class _Sampler:
             matchpoint=arcs[len(halves.forward)].first,
             days=days,
             inertial_km=position,
-            rotating_km=to_rotating(position, moon, moon_velocity),
+            rotating_km=to_rotating(position, moon, moon_velocity, self.units.lu_km),
             moon_km=moon,
             velocity_km_s=states[:, 3:6],
             earth_distance_km=np.asarray(np.linalg.norm(position, axis=1)),
@@ -358,21 +366,33 @@ class _Sampler:
 
     def moon_states(self, days: Array) -> tuple[Array, Array]:
         """Return positions [km] and velocities [km/s] of the Moon, (n, 3) each."""
-        states = np.array([state_at(self.model.bodies, moment)[:2, :3] for moment in days])
-        return states[:, 0] * LU_KM, states[:, 1] * VU_KM_S
+        states = np.array([self._first_body(moment) for moment in days])
+        return states[:, 0] * self.units.lu_km, states[:, 1] * self.units.vu_km_s
+
+    def _first_body(self, days: float) -> Array:
+        """Return position and velocity (2, 3) of the first body, or of the target where there is none."""
+        table = self.model.bodies if self.has_bodies else self.target
+        return state_at(table, days)[:2, :3]
 
     def moon_at(self, days: float) -> Array:
-        """Return the geocentric position of the Moon (3,) [LU]."""
-        return state_at(self.model.bodies, days)[0, :3]
+        """Return the position of the first body (3,) [LU]."""
+        position: Array = self._first_body(days)[0]
+        return position
 
     def target_at(self, days: float) -> Array:
-        """Return the geocentric position of the target (3,) [LU]."""
-        return self.moon_at(days) + state_at(self.target, days)[0, :3]
+        """Return the position of the target (3,) [LU]."""
+        return state_at(self.model.bodies, days)[0, :3] + state_at(self.target, days)[0, :3]
+
+    def target_path(self, insertion: float, arrival: float) -> Path:
+        """Return the path of the target: a revolution from insertion on, about the Sun all of the flight."""
+        if self.slowness > 1.0:
+            return self.path(self.target_at, 0.0, arrival, MOON_STEP_DAYS * self.slowness)
+        return self.path(self.target_at, insertion, insertion + TARGET_DAYS, TARGET_STEP_DAYS)
 
     def path(self, place: Callable[[float], Array], start: float, stop: float, step: float) -> Path:
         """Return the path of a body between two epochs [days], as far as the tables reach."""
         stop = min(stop, span_days(self.target)[1], span_days(self.model.bodies)[1])
         days = np.linspace(start, stop, max(2, round((stop - start) / step) + 1))
-        position = np.array([place(moment) for moment in days]) * LU_KM
+        position = np.array([place(moment) for moment in days]) * self.units.lu_km
         moon, moon_velocity = self.moon_states(days)
-        return Path(days, position, to_rotating(position, moon, moon_velocity), moon)
+        return Path(days, position, to_rotating(position, moon, moon_velocity, self.units.lu_km), moon)

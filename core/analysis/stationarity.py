@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from core.transcription import FINE_TOLERANCE, STATE_SCALE, Transcription, checked_vector
+from core.transcription import FINE_TOLERANCE, Transcription, checked_vector
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -86,7 +86,7 @@ def stationarity(transcription: Transcription, x: Array) -> Stationarity:
     """
     x = checked_vector(transcription.layout, x)
     fine = transcription.at_tolerance(FINE_TOLERANCE)
-    rows = np.tile(STATE_SCALE, len(transcription.layout.trajectories))
+    rows = np.tile(transcription.state_scale, len(transcription.layout.trajectories))
     jacobian = fine.jacobian(x).toarray() * transcription.scale / rows[:, None]
     if not np.all(np.isfinite(jacobian)):
         return Stationarity(np.inf, np.full(len(x), np.nan), np.full(len(rows), np.nan))

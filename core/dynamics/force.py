@@ -1,6 +1,6 @@
-"""Point-mass gravity of Earth, Moon, Sun and Jupiter on the spacecraft, with its gradient.
+"""Point-mass gravity of the centre and of up to three bodies on the spacecraft, with its gradient.
 
-Frame: geocentric, axes J2000.  Units: canonical; times in TU past the departure epoch.
+Frame: origin at the centre of the world, axes J2000.  Units: canonical; times in TU past the departure epoch.
 """
 
 from typing import NamedTuple
@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from core.constants import G0, GM_EARTH, GM_JUPITER, GM_MOON, GM_SUN
+from core.constants import G0
 from core.ephemeris import EphemerisTable, coefficients_through, values_at_nodes
 from core.jit import compiled
 from core.problem import Problem
-from core.units import exhaust_velocity_canonical, gm_canonical, thrust_canonical
+from core.world import MOST_BODIES, World, world_of
 
 Array = NDArray[np.float64]
 
@@ -23,50 +23,61 @@ FIELD_WIDTH = 16
 class ForceModel(NamedTuple):
     """The data of the equations of motion, in a form that compiled code accepts."""
 
-    #: (4,) gravitational parameters of Earth, Moon, Sun, Jupiter [LU^3/TU^2].
+    #: (4,) gravitational parameters of the centre and of three bodies [LU^3/TU^2].
     gm: Array
     #: Thrust at throttle 1 [MU LU/TU^2].
     max_thrust: float
     #: Exhaust velocity [LU/TU].
     exhaust_velocity: float
-    #: Positions of Moon, Sun and Jupiter.
+    #: Positions of the three bodies.
     bodies: EphemerisTable
-    #: Those and the Earth's fall, see `field_table`.
+    #: Those and the centre's fall, see `field_table`.
     field: EphemerisTable
-    #: (2,) geocentric and selenocentric distances below which no path may lead [LU]; zeros let all pass.
+    #: (2,) distances from centre and first body below which no path may lead [LU]; zeros let all pass.
     surfaces: Array
 
 
 def force_model(problem: Problem, bodies: EphemerisTable) -> ForceModel:
     """Return the force model of a problem over the span of an ephemeris table."""
-    craft = problem.spacecraft
-    gm = np.array([gm_canonical(gm) for gm in (GM_EARTH, GM_MOON, GM_SUN, GM_JUPITER)])
+    craft, world = problem.spacecraft, world_of(problem)
+    gm = gm_of(world)
     return ForceModel(
         gm=gm,
-        max_thrust=thrust_canonical(craft.max_thrust_n),
-        exhaust_velocity=exhaust_velocity_canonical(craft.isp_s, G0),
+        max_thrust=world.units.thrust(craft.max_thrust_n),
+        exhaust_velocity=world.units.exhaust_velocity(craft.isp_s, G0),
         bodies=bodies,
         field=field_table(gm, bodies),
         surfaces=np.zeros(2),
     )
 
 
-def field_table(gm: Array, bodies: EphemerisTable) -> EphemerisTable:
-    """Return a table of bodies with three more columns: the Earth's acceleration by Moon, Sun and Jupiter.
+def gm_of(world: World) -> Array:
+    """Return the gravitational parameters (4,) of a world's centre and bodies, 0 where it has fewer."""
+    gm = np.zeros(1 + MOST_BODIES)
+    for place, body in enumerate((world.center, *world.bodies)):
+        gm[place] = world.units.gm(body.gm_km3_s2)
+    return gm
 
-    The fall of the Earth depends on time alone, and a polynomial costs a tenth of its three roots.  Columns
+
+def field_table(gm: Array, bodies: EphemerisTable) -> EphemerisTable:
+    """Return a table of bodies with three columns more: how they accelerate the centre.
+
+    The fall of the centre depends on time alone, and a polynomial costs a tenth of its three roots.  Columns
     of zeros follow: compilers vectorize no loop that is shorter than 16.
 
     Parameters
     ----------
     gm : (4,) array
-        Gravitational parameters of Earth, Moon, Sun, Jupiter [LU^3/TU^2].
+        Gravitational parameters of the centre and of three bodies [LU^3/TU^2].
     bodies : EphemerisTable
-        Positions of Moon, Sun, Jupiter [LU].
+        Positions of the three bodies [LU].
     """
     places = values_at_nodes(bodies)
     apart = places.reshape(*places.shape[:2], 3, 3)
-    pulls = gm[1:, None] * apart / np.linalg.norm(apart, axis=3, keepdims=True) ** 3
+    distances = np.linalg.norm(apart, axis=3, keepdims=True)
+    # What does not pull has its place at the centre.
+    distances[distances == 0.0] = np.inf
+    pulls = gm[1:, None] * apart / distances**3
     falls = coefficients_through(pulls.sum(axis=2))
     rest = np.zeros((*falls.shape[:2], FIELD_WIDTH - 12))
     columns = np.concatenate([bodies.coefficients, falls, rest], axis=2)
@@ -89,7 +100,7 @@ def field_at(start: float, record: float, c: Array, t: float, out: Array) -> Non
     t : float
         Epoch [TU past the origin].
     out : (16,) array
-        Positions [LU], acceleration of the Earth [LU/TU^2], zeros.
+        Positions [LU], acceleration of the centre [LU/TU^2], zeros.
     """
     place = (t - start) / record
     # Outside, NaN goes through the same loop: with a second one this is not vectorized, and twice as slow.
@@ -111,14 +122,14 @@ def field_at(start: float, record: float, c: Array, t: float, out: Array) -> Non
 
 @compiled
 def gravity(gm: Array, field: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Return the gravitational acceleration relative to the Earth, docs/method.md eq. 2.
+    """Return the gravitational acceleration relative to the centre, docs/method.md eq. 2.
 
     Parameters
     ----------
     gm : (4,) array
-        Gravitational parameters of Earth, Moon, Sun, Jupiter [LU^3/TU^2].
+        Gravitational parameters of the centre and of three bodies [LU^3/TU^2].
     field : (>= 12,) array
-        A row of `field_table`: positions [LU], and the acceleration of the Earth [LU/TU^2].
+        A row of `field_table`: positions [LU], and the acceleration of the centre [LU/TU^2].
     x, y, z : float
         Spacecraft position [LU].
 
@@ -130,7 +141,7 @@ def gravity(gm: Array, field: Array, x: float, y: float, z: float) -> tuple[floa
     # A root and a division cost a third of the power function.
     square = x * x + y * y + z * z
     pull = gm[0] / (square * np.sqrt(square))
-    # The Earth falls too, so only the difference of the two pulls is felt.
+    # The centre falls too, so only the difference of the two pulls is felt.
     ax, ay, az = -pull * x - field[9], -pull * y - field[10], -pull * z - field[11]
     for b in range(3):
         dx, dy, dz = field[3 * b] - x, field[3 * b + 1] - y, field[3 * b + 2] - z
@@ -153,9 +164,9 @@ def fall(model: ForceModel, t: float, bodies: Array, state: Array, out: Array) -
     t : float
         Epoch [TU].
     bodies : (3, 9) array
-        Positions of Moon, Sun and Jupiter, and their first and second derivatives [LU, LU/TU, LU/TU^2].
+        Positions of the three bodies, and their first and second derivatives [LU, LU/TU, LU/TU^2].
     state : (>= 6,) array
-        Geocentric position and velocity [LU, LU/TU].
+        Position and velocity [LU, LU/TU].
     out : (2, 3) array
         Written; the jerk is the time derivative of eq. 2 along the path.
     """
@@ -166,7 +177,7 @@ def fall(model: ForceModel, t: float, bodies: Array, state: Array, out: Array) -
     for b in range(3):
         place, speed = bodies[0, 3 * b : 3 * b + 3], bodies[1, 3 * b : 3 * b + 3]
         out[1] += _pull_rate(model.gm[b + 1], state[:3] - place, state[3:6] - speed)
-        # The Earth falls too.
+        # The centre falls too.
         out[1] += _pull_rate(model.gm[b + 1], place, speed)
 
 
@@ -225,9 +236,9 @@ def gravity_bend(
     Parameters
     ----------
     gm : (4,) array
-        Gravitational parameters of Earth, Moon, Sun, Jupiter [LU^3/TU^2].
+        Gravitational parameters of the centre and of three bodies [LU^3/TU^2].
     places : (>= 9,) array
-        Positions of Moon, Sun, Jupiter [LU].
+        Positions of the three bodies [LU].
     x, y, z : float
         Spacecraft position [LU].
     lx, ly, lz : float

@@ -28,7 +28,8 @@ from core.constants import SECONDS_PER_DAY
 from core.ephemeris.daf import INERTIAL_FRAMES, SpkError, segments_of
 from core.ephemeris.kernels import KernelError, furnish, planetary_kernel, spice_name
 from core.ephemeris.tables import MIN_COEFFICIENTS, coefficients_through, record_nodes
-from core.problem import calendar_epoch
+from core.epochs import calendar_epoch
+from core.world import BODIES
 
 Array = NDArray[np.float64]
 
@@ -52,7 +53,7 @@ _TRIAL_S, _TRIED_EPOCHS = 300.0, 200
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChebyshevOrbit:
-    """An orbit relative to the Moon; its velocity is the derivative of its position."""
+    """An orbit relative to a body; its velocity is the derivative of its position."""
 
     #: Beginning of the first record [TDB s past J2000].
     start_et: float
@@ -67,7 +68,7 @@ class ChebyshevOrbit:
         return self.start_et + self.record_s * len(self.coefficients)
 
 
-def write_orbit(path: Path, naif_id: int, orbit: ChebyshevOrbit, comment: str) -> None:
+def write_orbit(path: Path, naif_id: int, orbit: ChebyshevOrbit, comment: str, near: int = MOON_ID) -> None:
     """Write an orbit as an SPK atomically, also while others write the same.
 
     Parameters
@@ -80,17 +81,19 @@ def write_orbit(path: Path, naif_id: int, orbit: ChebyshevOrbit, comment: str) -
         Orbit relative to the Moon [km].
     comment : str
         Text for the comment area: where the orbit comes from.
+    near : int
+        Identifier of the body that the orbit is about.
     """
     with new_spk(path, comment) as handle:
         n_records, n_coefficients, _ = orbit.coefficients.shape
         spiceypy.spkw02(
             handle,
             naif_id,
-            MOON_ID,
+            near,
             "J2000",
             orbit.start_et,
             orbit.stop_et,
-            "coastarc orbit about the Moon",
+            "coastarc orbit about the Moon" if near == MOON_ID else "coastarc orbit",
             orbit.record_s,
             n_records,
             n_coefficients - 1,
@@ -125,8 +128,8 @@ def new_spk(path: Path, comment: str) -> Iterator[int]:
         os.replace(draft, path)
 
 
-def read_orbit(path: Path, naif_id: int) -> ChebyshevOrbit | None:
-    """Return the orbit of a kernel without loss, or None where it is not one run of records about the Moon.
+def read_orbit(path: Path, naif_id: int, near: int = MOON_ID) -> ChebyshevOrbit | None:
+    """Return the orbit of a kernel without loss, or None where it is not one run of records about a body.
 
     Parameters
     ----------
@@ -134,9 +137,11 @@ def read_orbit(path: Path, naif_id: int) -> ChebyshevOrbit | None:
         An SPK.
     naif_id : int
         Identifier of the object.
+    near : int
+        That of the body.
     """
     found = [segment for segment in segments_of(path) if segment.body == naif_id]
-    if len(found) != 1 or found[0][3:6] != (MOON_ID, _J2000_FRAME, _CHEBYSHEV_POSITION):
+    if len(found) != 1 or found[0][3:6] != (near, _J2000_FRAME, _CHEBYSHEV_POSITION):
         return None
     try:
         handle = spiceypy.dafopr(spice_name(path))
@@ -225,7 +230,9 @@ def _coverage_text(covered: list[tuple[float, float]], start_et: float, stop_et:
     return ", ".join(spans[:_MOST_SPANS]) + more
 
 
-def fit_orbit(path: Path, naif_id: int, start_et: float, stop_et: float) -> ChebyshevOrbit:
+def fit_orbit(
+    path: Path, naif_id: int, start_et: float, stop_et: float, near: int = MOON_ID
+) -> ChebyshevOrbit:
     """Return the records through the positions that SPICE reads from any SPK, as long as they may be.
 
     Parameters
@@ -245,7 +252,7 @@ def fit_orbit(path: Path, naif_id: int, start_et: float, stop_et: float) -> Cheb
         n_records = math.ceil((stop_et - start_et) / record_s)
         length = (stop_et - start_et) / n_records
         nodes = record_nodes(start_et, length, n_records, _FIT_COEFFICIENTS)
-        samples = [_position(path, naif_id, min(et, stop_et)) for et in nodes.ravel().tolist()]
+        samples = [_position(path, naif_id, min(et, stop_et), near) for et in nodes.ravel().tolist()]
         coefficients = coefficients_through(np.array(samples).reshape(*nodes.shape, 3))
         # The last coefficients stand for those left out; T_n' is n^2 at the ends of a record.
         left_out = float(np.abs(coefficients[:, -2:]).max())
@@ -259,14 +266,18 @@ def fit_orbit(path: Path, naif_id: int, start_et: float, stop_et: float) -> Cheb
     )
 
 
-def _position(path: Path, naif_id: int, et: float) -> Array:
+def _position(path: Path, naif_id: int, et: float, near: int) -> Array:
     try:
-        return np.asarray(spiceypy.spkgps(naif_id, et, "J2000", MOON_ID)[0], dtype=np.float64)
+        return np.asarray(spiceypy.spkgps(naif_id, et, "J2000", near)[0], dtype=np.float64)
     except SpiceyError as error:
         raise SpkError(
-            f"target {path}: expected {naif_id} about a centre whose way to the Moon is known at "
+            f"target {path}: expected {naif_id} about a centre whose way to the {_title(near)} is known at "
             f"{calendar_epoch(et)}, got {error.short}"
         ) from error
+
+
+def _title(number: int) -> str:
+    return next((body.title for body in BODIES.values() if body.naif_id == number), f"body {number}")
 
 
 # What the process does that tries a kernel: the path of modules and the arguments stand in place of {}.
@@ -275,8 +286,16 @@ _REFUSED = 3
 
 
 @functools.lru_cache(maxsize=8)
-def orbit_of(path: Path, naif_id: int, start_et: float, stop_et: float, digest: str | None) -> ChebyshevOrbit:
-    """Return the orbit of a kernel, as its own records where they are about the Moon, or fitted.
+def orbit_of(
+    path: Path,
+    naif_id: int,
+    start_et: float,
+    stop_et: float,
+    digest: str | None,
+    near: int = MOON_ID,
+    world: Path | None = None,
+) -> ChebyshevOrbit:
+    """Return the orbit of a kernel about a body, as its own records where they are about it, or fitted.
 
     SPICE looks at the file in a process of its own first: a damaged one can end the process that reads it.
 
@@ -286,13 +305,18 @@ def orbit_of(path: Path, naif_id: int, start_et: float, stop_et: float, digest: 
         As for `check_coverage`, which has passed.
     digest : str or None
         That of the content: a file may be replaced by another one of the same name.
+    near : int
+        Identifier of the body.
+    world : Path, optional
+        A kernel with the places of the bodies, if they are not where DE440 has them.
 
     Raises
     ------
     SpkError
         When SPICE cannot read the file, or the orbit is too rough to be fitted.
     """
-    code = _TRIAL.format([str(folder) for folder in sys.path], (str(path), naif_id, start_et, stop_et))
+    arguments = (str(path), naif_id, start_et, stop_et, near, world and str(world))
+    code = _TRIAL.format([str(folder) for folder in sys.path], arguments)
     try:
         command = [sys.executable, "-c", code]
         trial = subprocess.run(command, capture_output=True, timeout=_TRIAL_S, check=False)
@@ -312,7 +336,9 @@ def orbit_of(path: Path, naif_id: int, start_et: float, stop_et: float, digest: 
         return ChebyshevOrbit(float(found["start_et"]), float(found["record_s"]), found["coefficients"])
 
 
-def try_out(path: str, naif_id: int, start_et: float, stop_et: float) -> None:
+def try_out(
+    path: str, naif_id: int, start_et: float, stop_et: float, near: int, world: str | None = None
+) -> None:
     """Read an orbit and write it to standard output, or one line of error; runs in a separate process.
 
     Parameters
@@ -323,15 +349,21 @@ def try_out(path: str, naif_id: int, start_et: float, stop_et: float) -> None:
         Identifier of the object.
     start_et, stop_et : float
         The span [TDB s past J2000].
+    near : int
+        Identifier of the body that the orbit is about.
+    world : str, optional
+        A kernel with the places of the bodies.
     """
     try:
-        orbit = read_orbit(Path(path), naif_id)
+        if world is not None:
+            furnish(Path(world))
+        orbit = read_orbit(Path(path), naif_id, near)
         if orbit is None or orbit.coefficients.shape[1] < MIN_COEFFICIENTS:
-            orbit = fit_orbit(Path(path), naif_id, start_et, stop_et)
+            orbit = fit_orbit(Path(path), naif_id, start_et, stop_et, near)
         else:
             furnish(Path(path))
             for et in np.linspace(start_et, stop_et, _TRIED_EPOCHS).tolist():
-                _position(Path(path), naif_id, et)
+                _position(Path(path), naif_id, et, near)
     except (SpkError, KernelError) as error:
         sys.stderr.write(f"{error}\n")
         sys.exit(_REFUSED)

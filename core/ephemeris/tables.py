@@ -1,6 +1,6 @@
 """Piecewise Chebyshev polynomials of body positions, with exact first and second derivatives.
 
-Frame: J2000 axes; `body_table` is geocentric, its columns are x, y, z of each of `core.constants.BODIES`.
+Frame: J2000 axes; `body_table` is relative to the centre of a world, its columns are x, y, z of each body.
 Units: LU, TU past an origin epoch; epochs of the Python functions are days past that origin.
 
     EpochError(ValueError)   an epoch outside a table or a kernel
@@ -15,11 +15,12 @@ import spiceypy
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from core.constants import BODIES, KERNEL_SPAN, SECONDS_PER_DAY
-from core.ephemeris.kernels import furnish, one_at_a_time
+from core.constants import KERNEL_SPAN, SECONDS_PER_DAY
+from core.ephemeris.kernels import furnish, loaded, one_at_a_time
+from core.epochs import calendar_epoch
 from core.jit import compiled
-from core.problem import calendar_epoch
-from core.units import LU_KM, TU_DAYS
+from core.units import TU_DAYS
+from core.world import EARTH, MOST_BODIES, World
 
 Array = NDArray[np.float64]
 
@@ -30,6 +31,8 @@ MIN_COEFFICIENTS = 8
 #: half a day less than rounding does.
 BODY_RECORD_DAYS, FINE_RECORD_DAYS = 1.0, 0.5
 BODY_COEFFICIENTS = MIN_COEFFICIENTS
+#: How many times longer records are about the Sun, where no body of ours is quicker than Mercury.
+SLOWER_ABOUT_SUN = 4
 
 
 class EpochError(ValueError):
@@ -47,13 +50,15 @@ class EphemerisTable(NamedTuple):
     coefficients: Array
     #: Whether it is a path of the force model, which then knows its acceleration better than the polynomials.
     is_ballistic: bool = False
+    #: The unit of time [days].
+    tu_days: float = TU_DAYS
 
 
 @one_at_a_time
 def body_table(
-    origin_et: float, start_days: float, stop_days: float, is_fine: bool = False
+    origin_et: float, start_days: float, stop_days: float, is_fine: bool = False, world: World = EARTH
 ) -> EphemerisTable:
-    """Return the geocentric positions of `core.constants.BODIES` as DE440 has them.
+    """Return the positions of a world's bodies as DE440 has them, relative to its centre.
 
     Parameters
     ----------
@@ -64,11 +69,13 @@ def body_table(
     is_fine : bool
         Whether trajectories are flown by it, whose Moon may be off by micrometres only: low passages
         magnify the rest. Departures and orbits of the target keep the coarse table by which they are known.
+    world : World
+        Its centre, its bodies and its units.
 
     Returns
     -------
     EphemerisTable
-        Nine columns: Moon, Sun, barycentre of Jupiter's system [LU].
+        Nine columns: three for each body [LU], zeros where there are fewer than three.
 
     Raises
     ------
@@ -81,6 +88,8 @@ def body_table(
             f"span: expected start < stop, got {start_days} and {stop_days} days past the origin"
         )
     record_days = FINE_RECORD_DAYS if is_fine else BODY_RECORD_DAYS
+    if world.center.name == "SUN":
+        record_days *= SLOWER_ABOUT_SUN
     n_records = math.ceil((stop_days - start_days) / record_days)
     first = origin_et + start_days * SECONDS_PER_DAY
     last = first + n_records * record_days * SECONDS_PER_DAY
@@ -92,17 +101,24 @@ def body_table(
 
     begin = start_days * SECONDS_PER_DAY if is_fine else first
     nodes = record_nodes(begin, record_days * SECONDS_PER_DAY, n_records, BODY_COEFFICIENTS)
-    position = partial(_precise_positions, origin_et) if is_fine else _body_positions
-    samples = [[position(time) for time in record] for record in nodes]
-    coefficients = coefficients_through(np.array(samples) / LU_KM)
-    return EphemerisTable(start_days / TU_DAYS, record_days / TU_DAYS, coefficients)
+    position = partial(_precise_positions, world, origin_et) if is_fine else partial(_positions, world)
+    samples = np.zeros((*nodes.shape, 3 * MOST_BODIES))
+    if world.bodies:
+        with loaded(world.kernel):
+            found = np.array([[position(time) for time in record] for record in nodes])
+        samples[:, :, : found.shape[2]] = found
+    units = world.units
+    coefficients = coefficients_through(samples / units.lu_km)
+    start, record = start_days / units.tu_days, record_days / units.tu_days
+    return EphemerisTable(start, record, coefficients, tu_days=units.tu_days)
 
 
-def _body_positions(et: float) -> Array:
-    return np.concatenate([spiceypy.spkpos(body, et, "J2000", "NONE", "EARTH")[0] for body in BODIES])
+def _positions(world: World, et: float) -> Array:
+    center = world.center.name
+    return np.concatenate([spiceypy.spkpos(b.name, et, "J2000", "NONE", center)[0] for b in world.bodies])
 
 
-def _precise_positions(origin_et: float, seconds: float) -> Array:
+def _precise_positions(world: World, origin_et: float, seconds: float) -> Array:
     """Return positions (9,) [km] some seconds past an origin, free of the grid of seconds past J2000.
 
     On it the Moon is off by up to 6e-8 km; derivatives of the polynomials make 1e-10 km/s of that, and low
@@ -110,7 +126,8 @@ def _precise_positions(origin_et: float, seconds: float) -> Array:
     """
     et = origin_et + seconds
     rest = seconds - (et - origin_et)
-    found = [spiceypy.spkezr(body, et, "J2000", "NONE", "EARTH")[0] for body in BODIES]
+    center = world.center.name
+    found = [spiceypy.spkezr(body.name, et, "J2000", "NONE", center)[0] for body in world.bodies]
     return np.concatenate([state[:3] + rest * state[3:] for state in found])
 
 
@@ -155,7 +172,7 @@ def _extrema(n: int) -> Array:
 def span_days(table: EphemerisTable) -> tuple[float, float]:
     """Return the first and the last epoch of a table [days past its origin]."""
     length = table.record * table.coefficients.shape[0]
-    return table.start * TU_DAYS, (table.start + length) * TU_DAYS
+    return table.start * table.tu_days, (table.start + length) * table.tu_days
 
 
 def state_at(table: EphemerisTable, days: float) -> Array:
@@ -174,7 +191,7 @@ def state_at(table: EphemerisTable, days: float) -> Array:
         When the epoch is outside the table.
     """
     out = np.empty((3, table.coefficients.shape[2]))
-    states(table, days / TU_DAYS, out)
+    states(table, days / table.tu_days, out)
     if np.isnan(out).any():
         start, stop = span_days(table)
         raise EpochError(f"epoch: expected {start:.6f}..{stop:.6f} days past the origin, got {days:.6f}")

@@ -37,17 +37,17 @@ def oem_lines(
         "",
     )
     for arc in trajectory.arcs:
-        yield from _segment(arc, object_id, object_name)
+        yield from _segment(arc, object_id, object_name, trajectory.center.name)
 
 
-def _segment(arc: ExportedArc, object_id: str, object_name: str) -> Iterator[str]:
+def _segment(arc: ExportedArc, object_id: str, object_name: str, center: str) -> Iterator[str]:
     epochs = tdb_texts(arc.et)
     yield _lines(
         "META_START",
         *(f"COMMENT {line}" for line in _about(arc)),
         f"OBJECT_NAME = {object_name}",
         f"OBJECT_ID = {object_id}",
-        "CENTER_NAME = EARTH",
+        f"CENTER_NAME = {center}",
         "REF_FRAME = ICRF",
         "TIME_SYSTEM = TDB",
         f"START_TIME = {epochs[0]}",

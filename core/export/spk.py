@@ -1,6 +1,6 @@
 """Trajectories as an SPK: one body for each, one segment of Hermite polynomials (type 13) for each arc.
 
-Frame: J2000 axes, origin at the Earth.  Where two arcs meet, SPICE answers from the later one.
+Frame: J2000 axes, origin at the centre of the world.  Where two arcs meet, SPICE answers from the later one.
 """
 
 from collections.abc import Sequence
@@ -13,7 +13,6 @@ from core.ephemeris.kernels import one_at_a_time
 from core.ephemeris.spk import new_spk
 from core.export.states import ExportedArc, ExportedTrajectory
 
-EARTH_ID = 399
 #: Identifier of a reference; realization i has the one that is i less.
 FIRST_ID = -60100
 
@@ -43,14 +42,20 @@ def write_spk(
     with new_spk(path, comment) as handle:
         for trajectory in trajectories:
             for arc in trajectory.arcs:
-                _add(handle, body_id(trajectory.index, first_id), f"{trajectory.name}, {_label(arc)}", arc)
+                _add(
+                    handle,
+                    body_id(trajectory.index, first_id),
+                    f"{trajectory.name}, {_label(arc)}",
+                    arc,
+                    trajectory.center.naif_id,
+                )
 
 
-def _add(handle: int, body: int, label: str, arc: ExportedArc) -> None:
+def _add(handle: int, body: int, label: str, arc: ExportedArc, center: int) -> None:
     spiceypy.spkw13(
         handle,
         body,
-        EARTH_ID,
+        center,
         "J2000",
         float(arc.et[0]),
         float(arc.et[-1]),

@@ -1,12 +1,11 @@
 """A solution as states that others can interpolate: every trajectory from departure to arrival, and as CSV.
 
-Frame: axes of the ICRF ("J2000" in SPICE), origin at the Earth.  Units: km, km/s, kg, N; epochs in TDB
-seconds past J2000, as text TDB to the microsecond and UTC by the leap seconds kernel.  States are propagated
-by the integrator of the solver, forwards from the departure and backwards from the target, so a jump remains
-at each matchpoint: the defect.  Control changes only between arcs, and no arc is interpolated into the next.
-A sample where two arcs meet stands in both, since thrust and, at a matchpoint, states differ there.
-
-    ExportError(ValueError)   a solution that cannot be exported
+Frame: axes of the ICRF ("J2000" in SPICE), origin at the centre of the world.  Units: km, km/s, kg, N;
+epochs in TDB seconds past J2000, as text TDB to the microsecond and UTC by the leap seconds kernel.  States
+are propagated by the integrator of the solver, forwards from the departure and backwards from the target,
+so a jump remains at each matchpoint: the defect.  Control changes only between arcs, and no arc is
+interpolated into the next. A sample where two arcs meet stands in both, since thrust and, at a matchpoint,
+states differ there.      ExportError(ValueError)   a solution that cannot be exported
 """
 
 import json
@@ -25,6 +24,7 @@ from core.ephemeris.kernels import furnish, one_at_a_time
 from core.errors import UserError
 from core.orbits import departure_state
 from core.problem import Outage, Problem
+from core.world import Body, world_of
 
 Array = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ class ExportedArc:
     et: Array
     #: (n, 7) positions [km], velocities [km/s] and mass [kg].
     states: Array
-    #: (n, 3) positions of the Moon [km].
+    #: (n, 3) positions of the first body of the world [km], of the target where it has none.
     moon_km: Array
 
     @property
@@ -81,6 +81,9 @@ class ExportedTrajectory:
     matchpoint_et: float
     outage_et: float | None
     arcs: tuple[ExportedArc, ...]
+    #: What its states are relative to, and the body whose places go along: the Moon near the Earth.
+    center: Body
+    main: Body | None
 
     @property
     def name(self) -> str:
@@ -129,7 +132,7 @@ def export_states(
     ValueError
         When x has another shape or is not finite.
     """
-    flight = fly(problem, x, samples_per_radian, TOLERANCE)
+    flight, world = fly(problem, x, samples_per_radian, TOLERANCE), world_of(problem)
     departure_et = float(departure_state(problem.departure, problem.spacecraft).et)
     max_thrust_n = problem.spacecraft.max_thrust_n
     whole = [_arcs(i, flown, departure_et, max_thrust_n) for i, flown in enumerate(flight.trajectories)]
@@ -144,6 +147,8 @@ def export_states(
                 matchpoint_et=departure_et + float(flown.days[flown.matchpoint]) * SECONDS_PER_DAY,
                 outage_et=float(whole[index][0].et[0]) if flown.outage else None,
                 arcs=tuple(_drop_shortest([*before, *whole[index]])),
+                center=world.center,
+                main=world.bodies[0] if world.bodies else None,
             )
         )
     return tuple(exported)
@@ -222,8 +227,13 @@ COLUMNS = (
     *("epoch_tdb", "epoch_utc", "days_past_departure"),
     *("x_km", "y_km", "z_km", "vx_km_s", "vy_km_s", "vz_km_s", "mass_kg"),
     *("throttle", "in_plane_rad", "out_of_plane_rad", "thrust_x_n", "thrust_y_n", "thrust_z_n"),
-    *("moon_x_km", "moon_y_km", "moon_z_km"),
 )
+
+
+def columns_of(main: Body | None) -> tuple[str, ...]:
+    """Return the columns of a table of samples, the last three of the main body or the target."""
+    name = main.title.lower() if main else "target"
+    return (*COLUMNS, *(f"{name}_{axis}_km" for axis in "xyz"))
 
 
 def csv_lines(trajectories: Iterable[ExportedTrajectory], head: Sequence[str]) -> Iterator[str]:
@@ -236,9 +246,10 @@ def csv_lines(trajectories: Iterable[ExportedTrajectory], head: Sequence[str]) -
     head : sequence of str
         What the file is about.
     """
+    chosen = list(trajectories)
     yield "".join(f"# {line}\n" for line in head)
-    yield csv_text([COLUMNS])
-    for rows in _rows(trajectories):
+    yield csv_text([columns_of(chosen[0].main if chosen else None)])
+    for rows in _rows(chosen):
         yield csv_text(map(_plain, row) for row in rows)
 
 
@@ -250,8 +261,10 @@ def ndjson_lines(trajectories: Iterable[ExportedTrajectory]) -> Iterator[str]:
     trajectories : iterable of ExportedTrajectory
         As for `csv_lines`.
     """
-    for rows in _rows(trajectories):
-        yield "".join(json.dumps(dict(zip(COLUMNS, row, strict=True))) + "\n" for row in rows)
+    for trajectory in trajectories:
+        columns = columns_of(trajectory.main)
+        for rows in _rows([trajectory]):
+            yield "".join(json.dumps(dict(zip(columns, row, strict=True))) + "\n" for row in rows)
 
 
 def _plain(value: Any) -> Any:

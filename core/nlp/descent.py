@@ -25,6 +25,8 @@ Mask = NDArray[np.bool_]
 
 # Scales of a step [LU, VU, MU, TU], tuned: solves diverge if nodes move ten times as far.
 _NODE_POSITION, _NODE_VELOCITY, _MASS, _TIME = 0.03, 0.1, 0.1, 0.1
+# A time between bounds that are so much closer to each other than to zero is fixed [-].
+_FIXED = 1e-3
 # Kept between a time and its bound, so that rounding does not pass it [TU].
 _MARGIN = 1e-6
 _LEAST_MASS = 1e-3
@@ -79,6 +81,9 @@ class ThrustVectors:
         self.lowest, self.highest = lower[self.bounded], upper[self.bounded]
         #: Which of these are shooting times.
         self.is_shooting: Mask = np.isin(self.bounded, [t.shooting_time for t in trajectories])
+        #: Whether there is nothing to choose: then all starts would be the same.
+        spans = (self.highest - self.lowest)[self.is_shooting]
+        self.is_time_fixed = bool(np.all(spans < _FIXED * self.highest[self.is_shooting]))
         #: Bounds of the throttles [-].
         self.least, self.most = transcription.problem.bounds.throttle
         setting = transcription.setting
@@ -432,7 +437,7 @@ _SOFT, _RIGID, _NEARER = 1e6, 1e9, 1e-3
 _ROUNDING = 1e-12
 # Steps for a last metre that may be unreachable.
 _MORE_STEPS, _TIGHTEN_ITERATIONS = 4, 8
-# The propellant has settled when this many steps together gain less than this [100 kg].
+# The propellant has settled when this many steps together gain less than this [MU / 150].
 _PATIENCE, _SETTLED = 20, 1e-3
 
 
@@ -442,7 +447,7 @@ def starts(form: ThrustVectors, z: Array) -> Iterator[Array]:
     Whether a guess closes depends on its shooting time above all: with too little, throttles beyond 1 or
     defects remain, and the descent hardly lengthens it, since that moves the insertion epoch.
     """
-    for _ in range(ATTEMPTS):
+    for _ in range(1 if form.is_time_fixed else ATTEMPTS):
         yield z
         z = form.lengthen(z)
 

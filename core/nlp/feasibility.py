@@ -37,11 +37,11 @@ def close_finely(transcription: Transcription, x: Array) -> Array:
 
     Dropping the nodes adds up the residual defects of all legs, amplified by what lies behind them.
     """
-    fine = transcription.at_tolerance(FINE_TOLERANCE)
+    fine, strict = transcription.at_tolerance(FINE_TOLERANCE), transcription.world.strict
     lower, upper = transcription.bounds
     defects = fine.defects(x)
     for _ in range(_MOST_STEPS):
-        if not _WELL_CLOSED < violation(defects.reshape(-1, 7)) < _TOO_FAR:
+        if not _WELL_CLOSED < violation(defects.reshape(-1, 7), strict) < _TOO_FAR:
             break
         scaled = fine.jacobian(x).toarray() * (upper - lower)
         if not np.all(np.isfinite(scaled)):
@@ -54,7 +54,7 @@ def close_finely(transcription: Transcription, x: Array) -> Array:
             break
         trial = np.clip(x + step * (upper - lower), lower, upper)
         trial_defects = fine.defects(trial)
-        if not violation(trial_defects.reshape(-1, 7)) < violation(defects.reshape(-1, 7)):
+        if not violation(trial_defects.reshape(-1, 7), strict) < violation(defects.reshape(-1, 7), strict):
             break
         x, defects = trial, trial_defects
     return x
@@ -78,7 +78,8 @@ def _defects_and_violation(transcription: Transcription, x: Array, first: int = 
         transcription.at_tolerance(tolerance).defects(x).reshape(-1, 7)
         for tolerance in (FINE_TOLERANCE, _DOUBT * FINE_TOLERANCE)
     )
-    return fine, max(violation(fine[first:]), _DOUBT * violation((fine - coarse)[first:]))
+    strict = transcription.world.strict
+    return fine, max(violation(fine[first:], strict), _DOUBT * violation((fine - coarse)[first:], strict))
 
 
 def _reconcile(status: ExitStatus, is_closed: bool) -> ExitStatus:

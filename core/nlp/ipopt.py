@@ -216,8 +216,8 @@ def _decision(transcription: Transcription, z: Array) -> Array:
 OPTIMUM_LEGS = 20
 #: Most rounds of descent and IPOPT until the optimum is found.
 ROUNDS = 3
-#: Mass that a round must gain for another to follow [kg].
-LEAST_GAIN = 0.1
+#: Mass that a round must gain for another to follow, as a share of the wet mass [-]: 100 g of the flagship's.
+LEAST_GAIN = 0.1 / 15000.0
 
 
 def optimize(robust: Robust, is_near: bool) -> ExitStatus:
@@ -257,7 +257,7 @@ def optimize(robust: Robust, is_near: bool) -> ExitStatus:
         if limits.is_over:
             return failure(limits)
         is_settled |= _close_again(robust, form, polished)
-        if robust.final_mass < before + LEAST_GAIN:
+        if robust.final_mass < before + LEAST_GAIN * part.world.units.mu_kg:
             break
     return ExitStatus.ACCEPTABLE if is_settled else ExitStatus.STALLED
 

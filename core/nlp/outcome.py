@@ -33,8 +33,8 @@ class ExitStatus(Enum):
     LOCALLY_INFEASIBLE = "The solver settled where defects remain; hop again, or shorten the outage."
     STALLED = "Defects remain, or the path magnifies rounding into some; hop again, or start from a seed."
     IMPACT = (
-        f"The path found leads lower than {LOWEST_OVER_EARTH_KM:g} km over the Earth or "
-        f"{LOWEST_OVER_MOON_KM:g} km over the Moon; hop again, or start from a seed."
+        f"The path found leads lower over a body than it may ({LOWEST_OVER_EARTH_KM:g} km over the Earth, "
+        f"{LOWEST_OVER_MOON_KM:g} km over the Moon); hop again, or start from a seed."
     )
     NOT_FINITE = "A state or a partial was not finite; check for a passage through a body."
     SOLVER_FAILURE = "The solver gave up for a reason of its own; hop again."

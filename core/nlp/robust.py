@@ -29,8 +29,8 @@ JOINT_ITERATIONS, STEP_ITERATIONS = 60, 40
 #: First step of the depth, its growth after success and shrinkage after failure, and the least step.
 FIRST_STEP, GROW, SHRINK, LEAST_STEP = 0.5, 2.0, 0.3, 0.01
 
-# Mass that a solution may lose by closing it to a finer tolerance [kg].
-_LOSS = 1e-3
+# What a solution may lose by being closed better, as a share of the wet mass [-]: a gram of the flagship's.
+_LOSS = 1e-3 / 15000.0
 
 
 @dataclass(slots=True, eq=False)
@@ -153,7 +153,9 @@ class Robust:
         closed = close_finely(part, x)
         if not is_feasible(part, closed):
             closed = self._tighten(part, x, z)
-        is_better = closed[part.layout.reference.final_mass] > self.final_mass - _LOSS
+        is_better = (
+            closed[part.layout.reference.final_mass] > self.final_mass - _LOSS * part.world.units.mu_kg
+        )
         if not is_feasible(part, closed) or (not is_better and is_feasible(part, self.vector(self.acting))):
             return False
         self.take(self.acting, part, closed, z)

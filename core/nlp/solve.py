@@ -108,8 +108,10 @@ def _from_starts(robust: Robust, form: ThrustVectors, z: Array) -> ExitStatus:
         if limits.is_over or (found and status is ExitStatus.OPTIMAL):
             break
     if not found:
-        # The least infeasible one, as a basis for hops.
-        robust.fall_back(min(tried, key=lambda x: violation(alone.defects(x).reshape(-1, 7))))
+        # The least infeasible, for those who hop from it.
+        robust.fall_back(
+            min(tried, key=lambda x: violation(alone.defects(x).reshape(-1, 7), alone.world.strict))
+        )
         return ExitStatus.IMPACT if status is ExitStatus.IMPACT else failure(limits)
     _, status, reference, path = max(found, key=lambda entry: entry[0])
     robust.start_from(reference, path)

@@ -16,23 +16,22 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from core.constants import G0, GM_EARTH, GM_JUPITER, GM_MOON, GM_SUN, RADIUS_EARTH_KM
-from core.dynamics.force import FIELD_WIDTH, field_at, field_table, gravity
+from core.constants import G0, GM_EARTH, RADIUS_EARTH_KM
+from core.dynamics.force import FIELD_WIDTH, field_at, field_table, gm_of, gravity
 from core.ephemeris import EphemerisTable, body_table, states
+from core.epochs import calendar_epoch, seconds_past_j2000
 from core.errors import UserError
 from core.jit import compiled
 from core.orbits.rotating import jacobi
-from core.problem import Spacecraft, SpiralDeparture, StateDeparture, calendar_epoch, seconds_past_j2000
+from core.problem import Spacecraft, SpiralDeparture, StateDeparture
 from core.units import (
     LU_KM,
     MU_KG,
     TU_DAYS,
     TU_S,
     VU_KM_S,
-    exhaust_velocity_canonical,
-    gm_canonical,
-    thrust_canonical,
 )
+from core.world import EARTH
 
 Array = NDArray[np.float64]
 
@@ -102,13 +101,13 @@ def departure_state(
 @functools.lru_cache(maxsize=256)
 def _end_of_spiral(departure: SpiralDeparture, spacecraft: Spacecraft, patience: _Patience) -> DepartureState:
     start_et = seconds_past_j2000(departure.epoch)
-    max_thrust = thrust_canonical(spacecraft.max_thrust_n)
-    mass_rate = max_thrust / exhaust_velocity_canonical(spacecraft.isp_s, G0)
+    max_thrust = EARTH.units.thrust(spacecraft.max_thrust_n)
+    mass_rate = max_thrust / EARTH.units.exhaust_velocity(spacecraft.isp_s, G0)
     # With the dry mass the tanks are empty.
     longest = (spacecraft.wet_mass_kg - spacecraft.dry_mass_kg) / MU_KG / mass_rate
     stop = min(longest, (departure.duration_days or LONGEST_SPIRAL_DAYS) / TU_DAYS)
     bodies = body_table(start_et, 0.0, stop * TU_DAYS)
-    gm = np.array([gm_canonical(body) for body in (GM_EARTH, GM_MOON, GM_SUN, GM_JUPITER)])
+    gm = gm_of(EARTH)
     arc = scipy.integrate.solve_ivp(
         _rates,
         (0.0, stop),

@@ -1,8 +1,8 @@
 """The target of a transfer, as an SPK kernel, and as a table for the numerics.
 
 The generated NRHO is stored in the cache folder under a hash of all its inputs, and generated again if the
-content does not match its digest.  Tables are relative to the Moon, axes J2000, in canonical units and TU
-past the departure epoch.
+content does not match its digest.  Tables are relative to the first body of the world (near the Earth the
+Moon), axes J2000, in canonical units and TU past the departure epoch.
 """
 
 import functools
@@ -28,10 +28,13 @@ from core.ephemeris.daf import SpkError
 from core.ephemeris.kernels import KernelError, spice_name
 from core.ephemeris.spk import ChebyshevOrbit, check_coverage, orbit_of, read_orbit, write_orbit
 from core.ephemeris.tables import coefficients_through, record_nodes
+from core.epochs import seconds_past_j2000
 from core.orbits.nrho import PatchedOrbit, margin_days, nrho
 from core.orbits.spiral import departure_state
-from core.problem import NrhoTarget, Problem, SpkTarget, content_hash, seconds_past_j2000
+from core.plain_data import content_hash
+from core.problem import NrhoTarget, Problem, SpkTarget
 from core.units import LU_KM, TU_S
+from core.world import EARTH, Units, World, world_of
 
 #: Identifier of the generated NRHO: private, and not the -60000 of the public reference.
 NRHO_ID = -60092
@@ -66,12 +69,14 @@ def target_kernel(problem: Problem, cache_folder: Path | None = None) -> tuple[P
     start, stop = window_days(problem)
     departure_et = departure_state(problem.departure, problem.spacecraft).et
     if isinstance(problem.target, SpkTarget):
-        _given_orbit(problem.target, departure_et, start, stop)
+        _given_orbit(problem.target, departure_et, start, stop, world_of(problem))
         return problem.target.path, problem.target.naif_id
     return _nrho_kernel(problem, problem.target, departure_et, start, stop, cache_folder)
 
 
-def _given_orbit(target: SpkTarget, departure_et: float, start: float, stop: float) -> ChebyshevOrbit:
+def _given_orbit(
+    target: SpkTarget, departure_et: float, start: float, stop: float, world: World
+) -> ChebyshevOrbit:
     """Return the orbit of a user's kernel after validating the kernel."""
     spice_name(target.path)
     digest = target.digest_now()
@@ -82,7 +87,7 @@ def _given_orbit(target: SpkTarget, departure_et: float, start: float, stop: flo
         )
     span = tuple(departure_et + days * SECONDS_PER_DAY for days in (start, stop))
     check_coverage(target.path, target.naif_id, *span)
-    return orbit_of(target.path, target.naif_id, *span, digest)
+    return orbit_of(target.path, target.naif_id, *span, digest, world.near.naif_id, world.kernel)
 
 
 def _nrho_kernel(
@@ -117,7 +122,7 @@ def _write_once(path: Path, orbit: ChebyshevOrbit, target: NrhoTarget) -> None:
 
 
 def target_table(problem: Problem, cache_folder: Path | None = None) -> EphemerisTable:
-    """Return the target relative to the Moon: three columns [LU], time in TU past the departure epoch.
+    """Return the target relative to `World.near`: three columns [LU], time in TU past the departure epoch.
 
     Parameters
     ----------
@@ -126,7 +131,9 @@ def target_table(problem: Problem, cache_folder: Path | None = None) -> Ephemeri
     """
     departure_et = departure_state(problem.departure, problem.spacecraft).et
     if isinstance(problem.target, SpkTarget):
-        return _table_of(_given_orbit(problem.target, departure_et, *window_days(problem)), departure_et)
+        world = world_of(problem)
+        orbit = _given_orbit(problem.target, departure_et, *window_days(problem), world)
+        return _table_of(orbit, departure_et, world.units)
     return _generated_table(*target_kernel(problem, cache_folder), departure_et)
 
 
@@ -135,12 +142,13 @@ def target_table(problem: Problem, cache_folder: Path | None = None) -> Ephemeri
 def _generated_table(path: Path, naif_id: int, departure_et: float) -> EphemerisTable:
     orbit = read_orbit(path, naif_id)
     assert orbit is not None
-    return _table_of(orbit, departure_et)._replace(is_ballistic=True)
+    return _table_of(orbit, departure_et, EARTH.units)._replace(is_ballistic=True)
 
 
-def _table_of(orbit: ChebyshevOrbit, departure_et: float) -> EphemerisTable:
-    first = (orbit.start_et - departure_et) / TU_S
-    return EphemerisTable(first, orbit.record_s / TU_S, orbit.coefficients / LU_KM)
+def _table_of(orbit: ChebyshevOrbit, departure_et: float, units: Units) -> EphemerisTable:
+    first = (orbit.start_et - departure_et) / units.tu_s
+    record, coefficients = orbit.record_s / units.tu_s, orbit.coefficients / units.lu_km
+    return EphemerisTable(first, record, coefficients, tu_days=units.tu_days)
 
 
 def is_target_ballistic(problem: Problem) -> bool:

@@ -13,7 +13,6 @@ from core.nlp import Outcome
 from core.search.mapping import onto_realizations
 from core.search.settings import GUESS_LAWS, HOP_LAWS, HopAddress, HopSettings
 from core.transcription import Transcription, control_of, fly_arc, target_state
-from core.units import TU_DAYS
 
 Array = NDArray[np.float64]
 
@@ -66,8 +65,8 @@ def _thrust_coast_thrust(transcription: Transcription, rng: np.random.Generator)
     layout = transcription.layout.reference
     throttles = _two_burns(layout.n_segments, layout.matchpoint, rng)
     swing = CONE_RAD * rng.standard_normal((layout.n_segments, 2))
-    model = transcription.setting.model
-    spent = model.max_thrust / model.exhaust_velocity * x[layout.shooting_time] / TU_DAYS * throttles.mean()
+    model, tu_days = transcription.setting.model, transcription.world.units.tu_days
+    spent = model.max_thrust / model.exhaust_velocity * x[layout.shooting_time] / tu_days * throttles.mean()
     mass = (transcription.setting.departure[6] - spent) * transcription.scale[layout.final_mass]
     x[layout.final_mass] = np.clip(mass, lower[layout.final_mass], upper[layout.final_mass])
     _steer(transcription, x, throttles, swing)
@@ -88,7 +87,7 @@ def _two_burns(n_segments: int, matchpoint: int, rng: np.random.Generator) -> Ar
 def _steer(transcription: Transcription, x: Array, throttles: Array, swing: Array) -> None:
     """Write the controls of the reference, propagating both halves to obtain the velocity."""
     layout = transcription.layout.reference
-    shooting, initial, final = x[layout.offset : layout.offset + 3] / TU_DAYS
+    shooting, initial, final = x[layout.offset : layout.offset + 3] / transcription.world.units.tu_days
     h = shooting / layout.n_segments
     arrival = initial + shooting + final
     mass = x[layout.final_mass] / transcription.scale[layout.final_mass]

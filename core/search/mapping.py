@@ -28,7 +28,6 @@ from core.transcription import (
     throttle_of,
     transcribe,
 )
-from core.units import TU_DAYS
 
 Array = NDArray[np.float64]
 
@@ -110,7 +109,7 @@ def aligned(
     over, shooting, initial = _times(path, _end(seed, trajectory.outage), box)
     start = over + initial
     edges = start + shooting * np.arange(n + 1) / n
-    times = np.array([shooting * TU_DAYS, initial * TU_DAYS, seed.x[old.final_coast]])
+    times = np.array([shooting * path.tu_days, initial * path.tu_days, seed.x[old.final_coast]])
     x = np.concatenate([times, _controls(path, edges).ravel(), [seed.x[old.final_mass]]])
     return np.clip(x, *box), np.array([path.state(t) for t in edges])
 
@@ -146,7 +145,7 @@ def thrust_profile(seed: Seed, outage: Outage, source: int, share: float) -> Out
 
 def _end(seed: Seed, outage: Outage) -> float:
     """Return when an outage ends [TU past departure]."""
-    return seed.reference.boundary_time(outage.segment) + outage.duration_days / TU_DAYS
+    return seed.reference.boundary_time(outage.segment) + outage.duration_days / seed.reference.tu_days
 
 
 def _box(target: Transcription, trajectory: TrajectoryLayout) -> tuple[Array, Array]:
@@ -157,7 +156,7 @@ def _box(target: Transcription, trajectory: TrajectoryLayout) -> tuple[Array, Ar
 
 def _times(path: FlownPath, over: float, box: tuple[Array, Array]) -> tuple[float, float, float]:
     """Return the end of the outage, T_s and T_i [TU]: from an edge of the path to its end, inside the box."""
-    least, most = (side[:3] / TU_DAYS for side in box)
+    least, most = (side[:3] / path.tu_days for side in box)
     h, end = path.segment_time, path.edges[-1]
     # The last edge is the end, and at least one segment must remain.
     edges = (edge for edge in path.edges[:-1] if edge >= over - SAME * h)

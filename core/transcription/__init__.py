@@ -7,7 +7,6 @@ from core.transcription.plan import OutageProfile, Structure
 from core.transcription.transcription import (
     DEFAULT_LEGS,
     FINE_TOLERANCE,
-    STATE_SCALE,
     TOLERANCE,
     Transcription,
     transcribe,
@@ -17,7 +16,6 @@ __all__ = [
     "DEFAULT_LEGS",
     "FINE_TOLERANCE",
     "STATE",
-    "STATE_SCALE",
     "TOLERANCE",
     "FlownPath",
     "Guess",

@@ -12,7 +12,6 @@ from core.ephemeris import states
 from core.transcription.control import throttle_of, thrust_of
 from core.transcription.layout import TrajectoryLayout
 from core.transcription.transcription import Transcription
-from core.units import TU_DAYS
 
 Array = NDArray[np.float64]
 _COAST = np.zeros(3)
@@ -79,10 +78,10 @@ class FlownPath:
     def __init__(
         self, transcription: Transcription, x: Array, layout: TrajectoryLayout, start: float
     ) -> None:
-        self.transcription = transcription
+        self.transcription, self.tu_days = transcription, transcription.world.units.tu_days
         self.n_segments, self.matchpoint = layout.n_segments, layout.matchpoint
         self.controls = x[layout.controls].reshape(-1, 3)
-        shooting, initial, self.final_coast = x[layout.offset : layout.offset + 3] / TU_DAYS
+        shooting, initial, self.final_coast = x[layout.offset : layout.offset + 3] / self.tu_days
         self.segment_time = float(shooting) / layout.n_segments
         self.shooting_start = start + float(initial)
         self.arrival = float(self.shooting_start + shooting + self.final_coast)
@@ -183,7 +182,9 @@ class RealizationPath(FlownPath):
         self.reference, self.segment = ReferencePath(transcription, x), outage.segment
         #: When the outage begins [TU past departure].
         self.outage_start = self.reference.boundary_time(outage.segment)
-        super().__init__(transcription, x, layout, self.outage_start + outage.duration_days / TU_DAYS)
+        super().__init__(
+            transcription, x, layout, self.outage_start + outage.duration_days / self.reference.tu_days
+        )
 
     def _shooting_state(self) -> Array:
         start = self.reference.boundaries[self.segment - 1]

@@ -18,7 +18,6 @@ from core.transcription.plan import (
     Plan,
     Structure,
 )
-from core.units import TU_DAYS
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +80,7 @@ class _Builder:
         own = ((boundary - 1) / trajectory.n_segments, 1.0, arrival)
         if trajectory.outage is None:
             return _Moment(origin.constant, (*own, 0.0, 0.0, 0.0))
-        missed = trajectory.outage.duration_days / TU_DAYS
+        missed = trajectory.outage.duration_days / self.layout.units.tu_days
         return _Moment(origin.constant + missed, (*origin.times[:3], *own))
 
     def _trajectory(self, index: int, trajectory: TrajectoryLayout) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.problem import Outage, Problem
-from core.units import MU_KG, TU_DAYS
+from core.world import EARTH, Units, world_of
 
 Array = NDArray[np.float64]
 
@@ -77,6 +77,7 @@ class Layout:
     """The slices of the trajectories of a problem, the reference first."""
 
     trajectories: tuple[TrajectoryLayout, ...]
+    units: Units = EARTH.units
 
     @property
     def n_variables(self) -> int:
@@ -92,8 +93,8 @@ class Layout:
         """Return the (n_variables,) factors from canonical units to those of x (days, kg, rad)."""
         factors = np.ones(self.n_variables)
         for trajectory in self.trajectories:
-            factors[trajectory.offset : trajectory.offset + 3] = TU_DAYS
-            factors[trajectory.final_mass] = MU_KG
+            factors[trajectory.offset : trajectory.offset + 3] = self.units.tu_days
+            factors[trajectory.final_mass] = self.units.mu_kg
         return factors
 
     def bounds(self, problem: Problem, start_mass_kg: float) -> tuple[Array, Array]:
@@ -134,7 +135,7 @@ def layout_of(problem: Problem) -> Layout:
         left = problem.n_segments - outage.segment
         n_segments = left if problem.segmentation == "adaptive" else problem.n_segments
         trajectories.append(TrajectoryLayout(trajectories[-1].stop, n_segments, outage))
-    return Layout(tuple(trajectories))
+    return Layout(tuple(trajectories), world_of(problem).units)
 
 
 def checked_vector(layout: Layout, x: object) -> Array:

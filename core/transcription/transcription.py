@@ -12,7 +12,6 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from core.constants import LOWEST_OVER_EARTH_KM, LOWEST_OVER_MOON_KM, RADIUS_EARTH_KM, RADIUS_MOON_KM
 from core.dynamics import ForceModel, force_model
 from core.ephemeris import EphemerisTable, body_table
 from core.orbits.spiral import departure_state
@@ -23,18 +22,12 @@ from core.transcription.curvature import curvature
 from core.transcription.evaluate import evaluate
 from core.transcription.layout import STATE, Guess, Layout, Start, checked_vector, layout_of
 from core.transcription.plan import OutageProfile, Structure
-from core.units import LU_KM, MU_KG, VU_KM_S
+from core.world import World, world_of
 
 Array = NDArray[np.float64]
 
-#: Units of a state: km, km/s, kg per canonical unit.
-STATE_SCALE = np.array([LU_KM] * 3 + [VU_KM_S] * 3 + [MU_KG])
-
 #: Default number of shooting legs; a first trial of the method found 1, 25 and 50 worse.
 DEFAULT_LEGS = 10
-
-#: Distances from the centres of Earth and Moon that a path must keep [km].
-CLEARANCE_KM = (RADIUS_EARTH_KM + LOWEST_OVER_EARTH_KM, RADIUS_MOON_KM + LOWEST_OVER_MOON_KM)
 
 _ROOM_DAYS = 5.0
 
@@ -75,11 +68,12 @@ class Transcription:
         if not 1e-14 <= tolerance <= 1e-3:
             raise ValueError(f"tolerance: expected 1e-14 .. 1e-3, got {tolerance}")
         self.problem = problem
+        self.world: World = world_of(problem)
         self.n_legs = n_legs
         self.tolerance = tolerance
         self.start = start
         self.layout: Layout = layout_of(problem)
-        self.setting, begin = _setting(_world(problem, start)), 0.0
+        self.setting, begin = _setting(_alone(problem, start)), 0.0
         if start is not None:
             self.setting, begin = replace(self.setting, departure=start.state), start.time
         self.plain: Structure = build_plan(problem, self.layout, 1, profiles, begin=begin)
@@ -87,6 +81,8 @@ class Transcription:
         #: The lifted form with throttle vectors for controls: the same variables otherwise, nodes included.
         self.vectors: Structure = build_plan(problem, self.layout, n_legs, profiles, True, begin)
         self.scale = self.layout.scale()
+        #: (7,) units of a state: km, km/s, kg per canonical unit.
+        self.state_scale: Array = self.world.units.state
 
     @property
     def n_variables(self) -> int:
@@ -111,7 +107,7 @@ class Transcription:
     @property
     def start_mass_kg(self) -> float:
         """Mass m(t0) [kg]."""
-        return float(self.setting.departure[6] * MU_KG)
+        return float(self.setting.departure[6] * self.world.units.mu_kg)
 
     @property
     def idle_coasts(self) -> list[int]:
@@ -139,7 +135,7 @@ class Transcription:
         """
         z = checked_vector(self.layout, x) / self.scale
         defects, _ = self.evaluate(self.plain, z, with_partials=False)
-        return np.asarray(defects * np.tile(STATE_SCALE, self.n_defects // STATE))
+        return np.asarray(defects * np.tile(self.state_scale, self.n_defects // STATE))
 
     def jacobian(self, x: Array) -> "scipy.sparse.csr_array":
         """Return d defects / d x with a sparsity that does not depend on x.
@@ -166,7 +162,7 @@ class Transcription:
         z = checked_vector(self.layout, x) / self.scale
         _, values = self.evaluate(self.plain, z, with_partials=True)
         rows, columns = self.plain.rows, self.plain.columns
-        values = values * STATE_SCALE[rows % STATE] / self.scale[columns]
+        values = values * self.state_scale[rows % STATE] / self.scale[columns]
         return scipy.sparse.csr_array((values, (rows, columns)), shape=(self.n_defects, self.n_variables))
 
     def at_tolerance(self, tolerance: float) -> "Transcription":
@@ -176,12 +172,14 @@ class Transcription:
         return other
 
     def is_clear(self, x: Array) -> bool:
-        """Return whether no trajectory of a decision vector comes within `CLEARANCE_KM` of Earth or Moon.
+        """Return whether no trajectory of a decision vector passes too low over a body of the world.
 
         Only the ends of steps are looked at, which are further out than a closest approach between them.
         """
         solid = self.at_tolerance(FINE_TOLERANCE)
-        radii = np.array(CLEARANCE_KM) / LU_KM
+        # Where nothing pulls besides, the first body is the centre once more.
+        lowest = [body.radius_km + body.lowest_km for body in (self.world.center, self.world.near)]
+        radii = np.array(lowest) / self.world.units.lu_km
         solid.setting = replace(self.setting, model=self.setting.model._replace(surfaces=radii))
         return bool(np.all(np.isfinite(solid.defects(x))))
 
@@ -281,8 +279,9 @@ def _setting(reference: Problem) -> _Setting:
     et, position, velocity, mass = departure_state(reference.departure, reference.spacecraft)
     start, stop = window_days(reference)
     # Room for pictures that follow the target past the latest arrival.
-    bodies = body_table(et, min(start, -_ROOM_DAYS), stop + _ROOM_DAYS, is_fine=True)
-    departure = np.concatenate([position, velocity, [mass]]) / STATE_SCALE
+    world = world_of(reference)
+    bodies = body_table(et, min(start, -_ROOM_DAYS), stop + _ROOM_DAYS, is_fine=True, world=world)
+    departure = np.concatenate([position, velocity, [mass]]) / world.units.state
     return _Setting(force_model(reference, bodies), target_table(reference), departure)
 
 
@@ -294,12 +293,12 @@ def transcribe(
     start: Start | None = None,
 ) -> Transcription:
     """Return the transcription of a problem; see `Transcription` for the parameters."""
-    _compile(_world(problem, start))
+    _compile(_alone(problem, start))
     return Transcription(problem, n_legs, tolerance, profiles, start)
 
 
-def _world(problem: Problem, start: Start | None) -> Problem:
-    """Return the reference problem that gives departure, bodies and target of a transcription."""
+def _alone(problem: Problem, start: Start | None) -> Problem:
+    """Return the reference problem whose departure, bodies and target a transcription flies with."""
     return (problem if start is None else start.problem).model_copy(update={"outages": ()})
 
 

@@ -10,17 +10,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from core.constants import LOWEST_OVER_EARTH_KM, LOWEST_OVER_MOON_KM
-from core.ephemeris.kernels import one_at_a_time
+from core.ephemeris.kernels import loaded, one_at_a_time
 from core.problem import Outage, Problem
-from core.tolerances import STRICT
 from core.verification.closest_approach import Approach, Closest
 from core.verification.end_to_end import CrossCheck, EndToEnd, propagate_end_to_end
 from core.verification.repropagation import Array, Pilot, Plan, departure_of, pilot_of, plans_of
 from core.verification.verify import Verification, load_target, verification_of
-
-#: Least altitudes allowed by default [km].
-LOWEST_KM = {"Earth": LOWEST_OVER_EARTH_KM, "Moon": LOWEST_OVER_MOON_KM}
+from core.world import EARTH, World, world_of
 
 
 class MassBudget(NamedTuple):
@@ -98,8 +94,8 @@ class Certification:
         return self.level != "none" and not self.marks and not self.lacks
 
 
-def lowest_passages(min_altitude_km: float | None = None) -> Mapping[str, float]:
-    """Return the least altitude allowed over Earth and Moon [km]: as given, or 200 and 100.
+def lowest_passages(min_altitude_km: float | None = None, world: World = EARTH) -> Mapping[str, float]:
+    """Return the least altitude allowed over each body of a world [km]: as given, or its own.
 
     Raises
     ------
@@ -107,12 +103,12 @@ def lowest_passages(min_altitude_km: float | None = None) -> Mapping[str, float]
         When the altitude is negative or not a finite number.
     """
     if min_altitude_km is None:
-        return LOWEST_KM
+        return {body.title: body.lowest_km for body in world.solid}
     if not (min_altitude_km >= 0.0 and math.isfinite(min_altitude_km)):
         raise ValueError(
             f"min_altitude_km: expected a number of at least 0, which is the surface, got {min_altitude_km}"
         )
-    return dict.fromkeys(LOWEST_KM, float(min_altitude_km))
+    return {body.title: float(min_altitude_km) for body in world.solid}
 
 
 @one_at_a_time
@@ -128,8 +124,7 @@ def certify(
     x : (n_variables,) array
         Decision vector [days, rad, kg], as for `verify`.
     min_altitude_km : float, optional
-        Least altitude allowed over the Earth and the Moon [km]; None for 200 km over the Earth and 100 km
-        over the Moon.
+        Least altitude allowed over every body [km]; None for 200 km over the Earth and 100 km over the Moon.
     with_heyoka : bool
         Whether to cross-check the end-to-end propagation with heyoka, which has to be installed.
 
@@ -148,11 +143,12 @@ def certify(
     ----------
     docs/verification.md.
     """
-    limits = lowest_passages(min_altitude_km)
+    limits = lowest_passages(min_altitude_km, world_of(problem))
     plans, (kernel, naif_id), pilot = plans_of(problem, x), load_target(problem), pilot_of(problem)
-    verification = verification_of(problem, plans, kernel, naif_id)
-    through = [Closest(pilot) for _ in plans]
-    flown_through = propagate_end_to_end(pilot, problem, plans, naif_id, through)
+    with loaded(world_of(problem).kernel):
+        verification = verification_of(problem, plans, kernel, naif_id)
+        through = [Closest(pilot) for _ in plans]
+        flown_through = propagate_end_to_end(pilot, problem, plans, naif_id, through)
     trajectories = tuple(
         Repropagation(
             outage=problem.outages[i - 1] if i else None,
@@ -174,6 +170,10 @@ def certify(
 
 
 def _cross_check(problem: Problem, plans: list[Plan], naif_id: int, found: Verification) -> CrossCheck:
+    if world_of(problem).kernel is not None:
+        raise ValueError(
+            "heyoka: expected bodies of DE440, whose records it reads, got a world with a kernel"
+        )
     # heyoka is an optional dependency.
     from core.verification.heyoka_check import cross_check
 
@@ -198,7 +198,7 @@ def _mass_shortfalls(problem: Problem, trajectories: tuple[Repropagation, ...]) 
     return tuple(
         MassShortfall(index, mass, least)
         for index, mass in enumerate(arriving)
-        if not mass >= least - STRICT.mass_kg
+        if not mass >= least - world_of(problem).strict.mass_kg
     )
 
 

@@ -1,4 +1,4 @@
-"""Closest approaches to the Earth and the Moon, found between the integrator's steps too.
+"""Closest approaches to the bodies that a path may hit, found between the integrator's steps too.
 
 Where the range rate passes from below zero to above, the distance has its least value; the root is found on
 the integrator's own interpolant, so a passage between two steps is not missed.  Units: km, km/s, s past the
@@ -10,11 +10,9 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from core.constants import RADIUS_EARTH_KM, RADIUS_MOON_KM, SECONDS_PER_DAY
-from core.verification.repropagation import EARTH, MOON, Array, Pilot
+from core.constants import SECONDS_PER_DAY
+from core.verification.repropagation import Array, Pilot
 
-#: Name and radius [km] of the bodies concerned, by NAIF id.
-WATCHED = {EARTH: ("Earth", RADIUS_EARTH_KM), MOON: ("Moon", RADIUS_MOON_KM)}
 #: Tolerance on the time of a root [s].
 TIME_TOLERANCE_S = 1e-6
 
@@ -38,13 +36,15 @@ class Closest:
 
     def __init__(self, pilot: Pilot) -> None:
         self._pilot = pilot
+        #: Those that a path may hit, by NAIF id.
+        self._watched = {body.naif_id: body for body in (pilot.center, *pilot.bodies) if body.radius_km > 0.0}
         self._found: dict[int, tuple[float, float, bool]] = {}
 
     def __call__(self, solver: "scipy.integrate.DOP853") -> None:
         """Process the step that an integrator has just made."""
         ends = ((float(solver.t_old), solver.y_old), (float(solver.t), solver.y))
         (start, first), (stop, last) = sorted(ends, key=lambda end: end[0])
-        for body in WATCHED:
+        for body in self._watched:
             before, after = self._relative_state(body, start, first), self._relative_state(body, stop, last)
             self._keep(body, start, before, is_turn=False)
             self._keep(body, stop, after, is_turn=False)
@@ -58,9 +58,18 @@ class Closest:
         """The closest approach to each body, as far as the trajectory was propagated."""
         origin = self._pilot.origin_et
         return tuple(
-            Approach(name, distance, distance - radius, origin + time, time / SECONDS_PER_DAY, is_turn)
-            for (name, radius), (distance, time, is_turn) in (
-                (WATCHED[body], self._found[body]) for body in WATCHED if body in self._found
+            Approach(
+                body.title,
+                distance,
+                distance - body.radius_km,
+                origin + time,
+                time / SECONDS_PER_DAY,
+                is_turn,
+            )
+            for body, (distance, time, is_turn) in (
+                (self._watched[number], self._found[number])
+                for number in self._watched
+                if number in self._found
             )
         )
 
@@ -77,7 +86,11 @@ class Closest:
             self._found[body] = (distance, time, is_turn)
 
     def _relative_state(self, body: int, time: float, state: Array) -> Array:
-        return state if body == EARTH else state - np.array(self._pilot.state_of(body, time))
+        return (
+            state
+            if body == self._pilot.center.naif_id
+            else state - np.array(self._pilot.state_of(body, time))
+        )
 
 
 def _range_rate(state: Array) -> float:

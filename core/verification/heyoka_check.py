@@ -9,7 +9,7 @@ departure epoch; TDB s past J2000 in the file.
 """
 
 import functools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from itertools import count
 from typing import Any, NamedTuple
@@ -18,15 +18,14 @@ import heyoka
 import numpy as np
 import spiceypy
 
-from core.constants import GM_EARTH, GM_JUPITER, GM_MOON, GM_SUN
 from core.ephemeris.kernels import check_kernels, planetary_kernel
 from core.problem import Problem
 from core.verification.end_to_end import CrossCheck, propagate_end_to_end
 from core.verification.repropagation import Array, Pilot, Plan, UnflyableError, departure_of, pilot_of
+from core.world import Body, World, world_of
 
-#: Target and centre of the runs of records that lead from the Earth to Moon, Sun and Jupiter: both Earth and
-#: Moon are about their barycentre 3; that, the Sun and Jupiter's barycentre 5 are about the solar system's.
-RUNS = ((399, 3), (301, 3), (3, 0), (10, 0), (5, 0))
+#: Target and centre of a run of records.
+Link = tuple[int, int]
 
 
 class Record(NamedTuple):
@@ -57,18 +56,36 @@ class Run(NamedTuple):
         return Record(middle, radius, np.array(axes).reshape(3, -1).T)
 
 
-def read_runs(start_et: float, stop_et: float) -> tuple[Run, ...]:
-    """Return the records of each of `RUNS` that touch a span.
+def chain_of(body: Body) -> tuple[Link, ...]:
+    """Return the runs that lead from the barycentre of the solar system to a body, the last one first.
+
+    In DE440 Earth, Moon, Mercury and Venus are about the barycentre of their planet, and what else there is
+    about that of the solar system.
+    """
+    number = body.naif_id
+    return ((number, 0),) if number < 100 else ((number, number // 100), (number // 100, 0))
+
+
+def links_of(world: World) -> tuple[Link, ...]:
+    """Return the runs that the places of a world's bodies relative to its centre are made of."""
+    chains = (chain_of(body) for body in (world.center, *world.bodies))
+    return tuple(dict.fromkeys(link for chain in chains for link in chain)) if world.bodies else ()
+
+
+def read_runs(links: tuple[Link, ...], start_et: float, stop_et: float) -> tuple[Run, ...]:
+    """Return the records of each link that touch a span.
 
     Parameters
     ----------
+    links : tuple of Link
+        From `links_of`.
     start_et, stop_et : float
         The span [TDB s past J2000].
     """
     check_kernels()
     with _open_daf(str(planetary_kernel())) as handle:
         placed = {(target, centre): (first, last) for target, centre, first, last in _segments(handle)}
-        return tuple(_run(handle, *placed[pair], start_et, stop_et) for pair in RUNS)
+        return tuple(_run(handle, *placed[link], start_et, stop_et) for link in links)
 
 
 @contextmanager
@@ -106,7 +123,9 @@ MAX_STEPS = 20_000
 
 def cross_check(problem: Problem, plans: list[Plan], naif_id: int, stop_et: float) -> CrossCheck:
     """Propagate every trajectory end to end; `stop_et` is past the last arrival [TDB s past J2000]."""
-    pilot = TaylorPilot(pilot_of(problem), read_runs(departure_of(problem)[0], stop_et))
+    world = world_of(problem)
+    runs = read_runs(links_of(world), departure_of(problem)[0], stop_et)
+    pilot = TaylorPilot(pilot_of(problem), runs, world)
     flights = propagate_end_to_end(pilot, problem, plans, naif_id, [None] * len(plans))
     return CrossCheck(INTEGRATOR, heyoka.__version__, TOLERANCE, pilot.n_evaluations, tuple(flights))
 
@@ -114,11 +133,11 @@ def cross_check(problem: Problem, plans: list[Plan], naif_id: int, stop_et: floa
 class TaylorPilot(Pilot):
     """Propagates arcs forward as `Pilot` does, by another integrator; `n_evaluations` counts its steps."""
 
-    def __init__(self, pilot: Pilot, runs: tuple[Run, ...]) -> None:
-        super().__init__(pilot.origin_et, 0.0, pilot.exhaust_velocity)
+    def __init__(self, pilot: Pilot, runs: tuple[Run, ...], world: World) -> None:
+        super().__init__(pilot.origin_et, 0.0, pilot.exhaust_velocity, world=world)
         self.max_thrust = pilot.max_thrust
         self._runs = runs
-        self._integrator = _integrator(tuple(run.n_coefficients for run in runs))
+        self._integrator = _integrator(world, tuple(run.n_coefficients for run in runs))
 
     def _integrate(self, start: float, state: Array, stop: float, thrust: tuple[float, ...]) -> Array:
         assert start < stop
@@ -150,24 +169,20 @@ class TaylorPilot(Pilot):
 
 
 @functools.cache
-def _integrator(n_coefficients: tuple[int, ...]) -> Any:
+def _integrator(world: World, n_coefficients: tuple[int, ...]) -> Any:
     """Return heyoka's integrator of eqs 1 to 3; it is compiled once, which takes seconds, and cached."""
     x, y, z, vx, vy, vz = heyoka.make_vars("x", "y", "z", "vx", "vy", "vz")
     parameters = (heyoka.par[index] for index in count())
     mass_at_start, flow, *force = (next(parameters) for _ in range(5))
-    earth, moon, barycentre, sun, jupiter = (_position(parameters, n) for n in n_coefficients)
-    geocentre = [a + b for a, b in zip(barycentre, earth, strict=True)]
-    bodies = [
-        (GM_MOON, _difference(moon, earth)),
-        (GM_SUN, _difference(sun, geocentre)),
-        (GM_JUPITER, _difference(jupiter, geocentre)),
-    ]
+    links = dict(zip(links_of(world), (_position(parameters, n) for n in n_coefficients), strict=True))
+    bodies = [(body.gm_km3_s2, _from_center(world.center, body, links)) for body in world.bodies]
     mass = mass_at_start - flow * heyoka.time
     terms = [
-        [component / mass, pull] for component, pull in zip(force, _pull(GM_EARTH, [x, y, z]), strict=True)
+        [component / mass, pull]
+        for component, pull in zip(force, _pull(world.center.gm_km3_s2, [x, y, z]), strict=True)
     ]
     for gm, body in bodies:
-        # The origin accelerates with the Earth, so only the difference of the two attractions counts.
+        # The origin accelerates with the centre, so only the difference of the two attractions counts.
         pulls = _pull(gm, _difference([x, y, z], body)), _pull(gm, body)
         for axis, pair in enumerate(zip(*pulls, strict=True)):
             terms[axis] += pair
@@ -185,6 +200,23 @@ def _position(parameters: Iterator[Any], n_coefficients: int) -> list[Any]:
         basis.append(2.0 * place * basis[-1] - basis[-2])
     rows = [[next(parameters) * term for _ in range(3)] for term in basis]
     return [heyoka.sum(list(axis)) for axis in zip(*rows, strict=True)]
+
+
+def _from_center(center: Body, body: Body, links: Mapping[Link, list[Any]]) -> list[Any]:
+    """Return the place of a body relative to the centre; what both are about cancels."""
+    ours, theirs = (
+        [link for link in chain_of(one) if link not in chain_of(other)]
+        for one, other in ((center, body), (body, center))
+    )
+    near, far = (_sum([links[link] for link in reversed(chain)]) for chain in (ours, theirs))
+    return _difference(far, near)
+
+
+def _sum(places: list[list[Any]]) -> list[Any]:
+    total = places[0] if places else [heyoka.expression(0.0)] * 3
+    for place in places[1:]:
+        total = [a + b for a, b in zip(total, place, strict=True)]
+    return total
 
 
 def _difference(one: list[Any], other: list[Any]) -> list[Any]:

@@ -3,8 +3,8 @@
 Nothing here comes from `core.dynamics` or `core.transcription`: the layout of x, the segments, the outages
 and the equations of motion are written out a second time on purpose, in other units, on another integrator,
 with the ephemeris read from the kernels themselves.
-Frame: geocentric, J2000 axes, geometric positions.  Units: km, km/s, kg, s; times in seconds past the
-departure epoch, since seconds past J2000 would leave too few digits for short steps.
+Frame: origin at the centre of the world, J2000 axes, geometric positions.  Units: km, km/s, kg, s; times in
+seconds past the departure epoch, since seconds past J2000 would leave too few digits for short steps.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,27 +19,12 @@ from numpy.typing import NDArray
 # SPICE itself, called by compiled code: three times as fast as through ctypes, and the same to the last bit.
 from spiceypy.cyice import spkgeo
 
-from core.constants import (
-    G0,
-    GM_EARTH,
-    GM_JUPITER,
-    GM_MOON,
-    GM_SUN,
-    RADIUS_EARTH_KM,
-    RADIUS_MOON_KM,
-    SECONDS_PER_DAY,
-)
+from core.constants import G0, SECONDS_PER_DAY
 from core.orbits import departure_state
 from core.problem import Problem
+from core.world import EARTH, Body, World, world_of
 
 Array = NDArray[np.float64]
-
-EARTH = 399
-MOON = 301
-#: NAIF id, GM [km^3/s^2] and radius [km] of the perturbing bodies; 5 is the barycentre of Jupiter's system.
-PERTURBERS = ((MOON, GM_MOON, RADIUS_MOON_KM), (10, GM_SUN, 0.0), (5, GM_JUPITER, 0.0))
-#: Names of the bodies in messages.
-NAMES = {EARTH: "Earth", MOON: "Moon", 10: "Sun", 5: "Jupiter"}
 
 INTEGRATOR = "scipy.integrate.DOP853"
 #: Relative tolerance per step, and the least that DOP853 takes.  Between them the defects of sensitive paths
@@ -63,9 +48,16 @@ class Pilot:
     """Propagates arcs, with times from an origin epoch, and counts evaluations."""
 
     def __init__(
-        self, origin_et: float, max_thrust_n: float, exhaust_velocity_km_s: float, rtol: float = RTOL
+        self,
+        origin_et: float,
+        max_thrust_n: float,
+        exhaust_velocity_km_s: float,
+        rtol: float = RTOL,
+        world: World = EARTH,
     ) -> None:
         self.origin_et = origin_et
+        #: The centre, and what pulls besides.
+        self.center, self.bodies = world.center, world.bodies
         self.rtol = rtol
         self.max_thrust = max_thrust_n * 1e-3  # [kg km/s^2]
         self.exhaust_velocity = exhaust_velocity_km_s
@@ -81,18 +73,18 @@ class Pilot:
         return level * cos(azimuth), level * sin(azimuth), up, force / self.exhaust_velocity
 
     def state_of(self, body: int, time: float) -> list[float]:
-        """Return the geocentric state (6,) [km, km/s] of a body at a time [s].
+        """Return the state (6,) [km, km/s] of a body relative to the centre at a time [s].
 
         Seconds past J2000 are rounded to 1.2e-7 s, in which the Moon moves 1e-7 km: a noise that low
         passages amplify to 0.1 km.  SPICE answers for the rounded epoch, its velocity bridges the rest.
         """
         et = self.origin_et + time
         rest = time - (et - self.origin_et)
-        x, y, z, vx, vy, vz = spkgeo(body, et, "J2000", EARTH)[0].tolist()
+        x, y, z, vx, vy, vz = spkgeo(body, et, "J2000", self.center.naif_id)[0].tolist()
         return [x + rest * vx, y + rest * vy, z + rest * vz, vx, vy, vz]
 
     def target_state(self, naif_id: int, time: float) -> Array:
-        """Return the geocentric state (6,) [km, km/s] of the target at a time [s]."""
+        """Return the state (6,) [km, km/s] of the target relative to the centre at a time [s]."""
         try:
             return np.array(self.state_of(naif_id, time))
         except spiceypy.exceptions.SpiceyError as error:
@@ -106,7 +98,7 @@ class Pilot:
         Raises
         ------
         UnflyableError
-            When the arc meets the Earth or the Moon, uses up the mass, or cannot be integrated.
+            When the arc meets a body, uses up the mass, or cannot be integrated.
         """
         end = state.copy()
         end[6] -= thrust[3] * duration
@@ -134,22 +126,25 @@ class Pilot:
         """Return d(position, velocity)/dt, eqs 1 and 2, with the mass of eq. 3 in closed form."""
         thrust_x, thrust_y, thrust_z, mass_flow = thrust
 
+        center = self.center
+
         # Python floats, not arrays: for three numbers numpy's overhead is ten times the arithmetic.
         def derivative(time: float, y: Array) -> list[float]:
             self.n_evaluations += 1
             x, y_, z, vx, vy, vz = y.tolist()
             distance = sqrt(x * x + y_ * y_ + z * z)
-            _stay_above(RADIUS_EARTH_KM, distance, EARTH, time)
-            pull = -GM_EARTH / distance**3
+            _stay_above(center, distance, time)
+            pull = -center.gm_km3_s2 / distance**3
             mass = mass_at_start - mass_flow * (time - start)
             ax = pull * x + thrust_x / mass
             ay = pull * y_ + thrust_y / mass
             az = pull * z + thrust_z / mass
-            for body, gm, radius in PERTURBERS:
-                bx, by, bz, *_ = self.state_of(body, time)
+            for body in self.bodies:
+                gm = body.gm_km3_s2
+                bx, by, bz, *_ = self.state_of(body.naif_id, time)
                 dx, dy, dz = x - bx, y_ - by, z - bz
                 distance = sqrt(dx * dx + dy * dy + dz * dz)
-                _stay_above(radius, distance, body, time)
+                _stay_above(body, distance, time)
                 direct = gm / distance**3
                 indirect = gm / sqrt(bx * bx + by * by + bz * bz) ** 3
                 ax -= direct * dx + indirect * bx
@@ -160,10 +155,10 @@ class Pilot:
         return derivative
 
 
-def _stay_above(radius: float, distance: float, body: int, time: float) -> None:
+def _stay_above(body: Body, distance: float, time: float) -> None:
     # Written so that a distance that is not a number fails too.
-    if not (distance > radius and isfinite(distance)):
-        raise UnflyableError(f"meets the {NAMES[body]} {time / 86400:.3f} days after departure")
+    if not (distance > body.radius_km and isfinite(distance)):
+        raise UnflyableError(f"meets the {body.title} {time / 86400:.3f} days after departure")
 
 
 class Plan(NamedTuple):
@@ -235,7 +230,9 @@ def departure_of(problem: Problem) -> tuple[float, Array]:
 def pilot_of(problem: Problem, rtol: float = RTOL) -> Pilot:
     """Return the propagator of a problem's arcs."""
     craft = problem.spacecraft
-    return Pilot(departure_of(problem)[0], craft.max_thrust_n, craft.isp_s * G0 * 1e-3, rtol)
+    return Pilot(
+        departure_of(problem)[0], craft.max_thrust_n, craft.isp_s * G0 * 1e-3, rtol, world_of(problem)
+    )
 
 
 def fly_all(

@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from core.constants import SECONDS_PER_DAY
-from core.ephemeris.kernels import check_kernels, furnish, kernel_hashes, one_at_a_time
+from core.ephemeris.kernels import check_kernels, furnish, kernel_hashes, loaded, one_at_a_time
 from core.orbits import target_kernel
 from core.problem import Problem
-from core.tolerances import PAPER, STRICT, Tolerance, violation
+from core.tolerances import Tolerance, violation
 from core.verification.closest_approach import Approach, Closest
 from core.verification.repropagation import (
     FINER_RTOL,
@@ -32,6 +32,7 @@ from core.verification.repropagation import (
     pilot_of,
     plans_of,
 )
+from core.world import world_of
 
 #: Between this fraction of a limit and its inverse, a defect may be within the limit at one tolerance of the
 #: integrator and beyond it at another: the largest change observed was a fifth of a limit.
@@ -108,7 +109,8 @@ def verify(problem: Problem, x: Array) -> Verification:
     docs/method.md, "Verification".
     """
     plans, (kernel, naif_id) = plans_of(problem, x), load_target(problem)
-    return verification_of(problem, plans, kernel, naif_id)
+    with loaded(world_of(problem).kernel):
+        return verification_of(problem, plans, kernel, naif_id)
 
 
 def load_target(problem: Problem) -> tuple[Path, int]:
@@ -122,7 +124,8 @@ def load_target(problem: Problem) -> tuple[Path, int]:
 def verification_of(problem: Problem, plans: list[Plan], kernel: Path, naif_id: int) -> Verification:
     """Propagate in halves, twice where the integrator's tolerance may decide, and return the verdict."""
     found = [_propagate(problem, plans, naif_id, RTOL)]
-    if any(NEAR < violation(found[0].defects, level) < 1.0 / NEAR for level in (PAPER, STRICT)):
+    world = world_of(problem)
+    if any(NEAR < violation(found[0].defects, level) < 1.0 / NEAR for level in (world.loose, world.strict)):
         found.append(_propagate(problem, plans, naif_id, FINER_RTOL))
     return _verdict(problem, plans, found, kernel)
 
@@ -150,9 +153,12 @@ def _propagate(problem: Problem, plans: list[Plan], naif_id: int, rtol: float) -
 
 def _verdict(problem: Problem, plans: list[Plan], found: list[_Flight], kernel: Path) -> Verification:
     """Return the verdict on one propagation, or what holds in both of two."""
-    first, worst = found[0], max(found, key=lambda flight: violation(flight.defects))
+    world = world_of(problem)
+    first, worst = found[0], max(found, key=lambda flight: violation(flight.defects, world.strict))
     norms, is_within_bounds = _norms(worst.defects), _is_within_bounds(problem, plans)
-    levels = {tuple(holds(flight.defects, level) for level in (PAPER, STRICT)) for flight in found}
+    levels = {
+        tuple(holds(flight.defects, level) for level in (world.loose, world.strict)) for flight in found
+    }
     paper, strict = (is_within_bounds and all(level) for level in zip(*levels, strict=True))
     return Verification(
         defects=worst.defects,

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.csv_text import csv_text
+from core.epochs import calendar_epoch
 from core.export import trajectory_name
 from core.orbits import departure_state
-from core.problem import Problem, calendar_epoch
+from core.problem import Problem
 from core.transcription import Layout, TrajectoryLayout, layout_of
 
 #: Lines that are sent at once.

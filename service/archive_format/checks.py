@@ -11,10 +11,11 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import ValidationError
 
-from core.problem import Problem, content_hash
+from core.plain_data import content_hash
+from core.problem import Problem
 from core.search import HopAddress
-from core.tolerances import PAPER, STRICT
 from core.verification.verify import holds
+from core.world import world_of
 from service.archive_format.container import PortableError, first_fault
 from service.archive_format.lines import (
     CampaignLine,
@@ -153,17 +154,18 @@ def require_certificate(line: CertificateLine, contents: Contents) -> None:
     problem = contents.problems[contents.solutions[line.solution][0]]
     if (content.problem_hash, content.k) != (problem.hash, problem.k):
         raise PortableError(f"{thing}: expected the problem of its solution, got {content.problem_hash}")
-    if not is_own_verdict(content):
+    if not is_own_verdict(content, problem):
         raise PortableError(f"{thing}: expected a verdict from its defects and marks, got {content.level}")
 
 
-def is_own_verdict(content: CertificateContent) -> bool:
+def is_own_verdict(content: CertificateContent, problem: Problem) -> bool:
     """Return whether the verdict of a certificate follows from its defects and its marks."""
     rows = [trajectory.defect for trajectory in content.trajectories]
     if [len(row) for row in rows] != [7] * (1 + content.k):
         return False
     defects = np.array(rows, dtype=np.float64)
-    holds_level = {"strict": holds(defects, STRICT), "paper": holds(defects, PAPER), "none": True}
+    world = world_of(problem)
+    holds_level = {"strict": holds(defects, world.strict), "paper": holds(defects, world.loose), "none": True}
     is_sound = content.level != "none" and not content.marks
     return holds_level[content.level] and content.is_sound == is_sound
 

@@ -17,7 +17,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from core.problem import Problem, SpkTarget, hashes_of
+from core.problem import PLANETS, Problem, SpkTarget, hashes_of
 from core.search import HopAddress
 from service.archive_format.checks import (
     Contents,
@@ -46,17 +46,22 @@ _ENTRY = re.compile(r"targets/([0-9a-f]{32})\.bsp")
 def target_entries(specs: list[Spec]) -> dict[str, Path]:
     """Return the files of the targets of specifications by their names in a portable file."""
     targets = [spec.problem.target for spec in specs]
-    return {entry_of(target): target.path for target in targets if isinstance(target, SpkTarget)}
+    travelling = [one for one in targets if isinstance(one, SpkTarget) and one.path.name != PLANETS]
+    return {entry_of(target): target.path for target in travelling}
 
 
 def entry_of(target: SpkTarget) -> str:
-    """Return the name of a target's kernel in a portable file."""
+    """Return the name of a target's kernel in a portable file; planets are at hand everywhere."""
+    if target.path.name == PLANETS:
+        return PLANETS
     return f"targets/{hashlib.blake2b(_content(target.path), digest_size=16).hexdigest()}.bsp"
 
 
 def portable_fields(spec: Spec) -> dict[str, Any]:
     """Return a specification as plain data that names no file of this machine."""
     fields, target = spec.as_fields(), spec.problem.target
+    if spec.problem.world is not None and spec.problem.world.kernel is not None:
+        raise PortableError("world: expected bodies of DE440, got a kernel, which no portable file carries")
     if isinstance(target, SpkTarget):
         fields["problem"]["target"]["path"] = entry_of(target)
     return fields
@@ -67,6 +72,8 @@ def local_fields(fields: dict[str, Any], folder: Path, entries: list[str]) -> di
     problem = fields.get("problem")
     target = problem.get("target") if isinstance(problem, dict) else None
     if not isinstance(target, dict) or (target.get("kind") != "spk" and "path" not in target):
+        return fields
+    if target.get("path") == PLANETS:
         return fields
     if target.get("path") not in entries:
         raise PortableError(

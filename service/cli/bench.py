@@ -5,6 +5,7 @@ Progress goes to stderr, and results survive an interruption.
 
 import json
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -549,3 +550,32 @@ def _show(rows: list[Any], settings: dict[str, int]) -> None:
     console.print(listed)
     for name, value in (machine() | settings).items():
         console.print(f"{name}: {value}", highlight=False)
+
+
+@bench.command()
+def oracles(
+    case: Annotated[list[str] | None, typer.Option(help="One of the cases; again for more.")] = None,
+    guesses: Annotated[int, typer.Option(min=1, help="Uniform guesses of each case.")] = 20,
+    rng_seed: RngSeed = 1,
+    as_json: Json = False,
+) -> None:
+    """Solve published problems, and show what is found beside their published values."""
+    from workers.measure_oracles import cases, run_cases
+
+    if unknown := [name for name in case or () if name not in cases()]:
+        raise typer.BadParameter(f"expected some of {', '.join(cases())}, got {', '.join(unknown)}")
+    with threadpool_limits(1), tempfile.TemporaryDirectory(prefix="coastarc-") as folder:
+        results = [asdict(one) for one in run_cases(case or [], Path(folder), guesses, rng_seed)]
+    settings = {"guesses": guesses, "rng_seed": rng_seed}
+    if as_json:
+        typer.echo(json.dumps({"machine": machine(), "settings": settings, "rows": results}, indent=2))
+        return
+    listed = terminal.table("case", "N", "strict", "best", "published", "CPU s a guess")
+    for row in results:
+        best = number(row["best"], 6 if row["unit"] != "kg" else 3)
+        counts = str(row["n_segments"]), f"{row['n_strict']}/{row['n_guesses']}"
+        seconds = f"{row['cpu_seconds_per_guess']:.2f}"
+        listed.add_row(row["id"], *counts, best, f"{row['published']:.6g}", seconds)
+    console = Console(width=120)
+    console.print(listed)
+    print_facts(console, machine() | settings)

@@ -18,8 +18,9 @@ from core.analysis.safe_modes import (
     duration_cdf,
 )
 from core.analysis.sparsity import dense_entries, pattern
+from core.epochs import calendar_epoch
 from core.orbits import departure_state
-from core.problem import Problem, calendar_epoch
+from core.problem import Problem
 from core.transcription import TrajectoryLayout, layout_of
 from service.schemas.problem import (
     ArcChance,

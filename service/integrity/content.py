@@ -13,7 +13,8 @@ import numpy as np
 from pydantic import ValidationError
 from sqlalchemy import Column, Connection, LargeBinary, Row, Select, Text, select, type_coerce
 
-from core.problem import ProblemError, content_hash, problem_from
+from core.plain_data import content_hash
+from core.problem import Problem, ProblemError, problem_from
 from core.search import HopAddress
 from service.archive_format.checks import is_own_verdict
 from service.db.dialect import plain
@@ -209,7 +210,7 @@ class _Reader:
         )
         for row in self._rows(query):
             try:
-                _require_certificate(row)
+                _require_certificate(row, self._facts_of(row.problem_hash).problem)
             except (UnsoundError, ValidationError) as error:
                 yield Unsound("certificate", (row.solution_id, row.hash), _reason(error))
 
@@ -228,14 +229,14 @@ class _Reader:
             yield from rows
 
 
-def _require_certificate(row: Row[Any]) -> None:
+def _require_certificate(row: Row[Any], problem: Problem) -> None:
     content = CertificateContent.model_validate(_load("content", row.content))
     said = (content.solution_id, content.problem_hash, content.level, content.is_sound)
     if said != (row.solution_id, row.problem_hash, row.level, bool(row.is_sound)):
         raise UnsoundError("expected the solution, the problem and the verdict of its content, got others")
     if content_hash(content.model_dump(mode="json")) != row.hash:
         raise UnsoundError("expected the hash of its content, got another")
-    if not is_own_verdict(content):
+    if not is_own_verdict(content, problem):
         raise UnsoundError(f"expected a verdict from its defects and marks, got {content.level}")
     _require_numbers(CertificateRow, row)
 

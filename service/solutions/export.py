@@ -193,7 +193,7 @@ def _about(record: RecordWithVector, chosen: Sequence[ExportedTrajectory], first
         f"states and controls of solution {record.id}, made by coastarc",
         f"problem {record.problem_hash} with k = {record.k}; found by search {_ascii(record.search)}, "
         f"code {_ascii(record.code_version)}",
-        "frame: origin Earth, axes J2000 of SPICE, which are those of the ICRF; the Moon in the same frame",
+        _frame_line(chosen[0]),
         f"units: km, km/s, kg, rad, N, days; time scale TDB; departure epoch {departure} TDB",
         "angles: azimuth in the xy-plane and elevation above it; a sample where two arcs meet stands in both",
         f"kernel de440.bsp with MD5 {KERNEL_MD5}; leap seconds of {kernel_paths()[1].name}",
@@ -201,6 +201,14 @@ def _about(record: RecordWithVector, chosen: Sequence[ExportedTrajectory], first
         "by the defect, and the later arc holds; a realization flies the reference until its outage",
         *_trajectory_lines(record, chosen, first_id),
     ]
+
+
+def _frame_line(trajectory: ExportedTrajectory) -> str:
+    main = f"the {trajectory.main.title}" if trajectory.main else "the target"
+    return (
+        f"frame: origin {trajectory.center.title}, axes J2000 of SPICE, which are those of the ICRF; "
+        f"{main} in the same frame"
+    )
 
 
 def _trajectory_lines(

@@ -13,15 +13,8 @@ from typing import Annotated, Any, Self
 from pydantic import BeforeValidator, Field, StrictInt, ValidationError, model_validator
 
 from core.errors import UserError
-from core.plain_data import read_table_file
-from core.problem import (
-    Problem,
-    ProblemError,
-    beside,
-    content_hash,
-    problem_from,
-    validation_message,
-)
+from core.plain_data import content_hash, read_table_file
+from core.problem import Problem, ProblemError, beside, problem_from, validation_message
 from core.search.settings import expand_mapping
 from service.spec.search_spec import SHARING, Name, Priority, SearchSpec, Strict
 
@@ -279,6 +272,9 @@ def problem_without_files(fields: Any) -> Problem:
 
 
 def _refuse_files(name: str, problem: Any) -> None:
+    world = problem.get("world") if isinstance(problem, Mapping) else None
+    if isinstance(world, Mapping) and world.get("kernel") is not None:
+        raise SpecError(f"{name}.world: expected a world without a file over the network, got a kernel")
     target = problem.get("target") if isinstance(problem, Mapping) else None
     if isinstance(target, Mapping) and (target.get("kind") == "spk" or "path" in target):
         raise SpecError(f"{name}.target: expected a target without a file over the network, got kind spk")

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from core.problem import presets, problem_from
+from core.problem import ProblemError, presets, problem_from
 
 #: A table or a list in a field is written on one line up to this length.
 LINE = 100
@@ -85,8 +85,16 @@ def spec_text(fields: Mapping[str, Any]) -> str:
 def _short_problem(fields: dict[str, Any]) -> dict[str, Any]:
     written = [fields, *(_beside(name, fields) for name in presets())]
     wanted = problem_from(fields).hash
-    same = [one for one in written if problem_from(one).hash == wanted]
+    same = [one for one in written if _hash_of(one) == wanted]
     return min(same, key=lambda one: len(toml_text({"problem": one})))
+
+
+def _hash_of(fields: Mapping[str, Any]) -> str | None:
+    """Return the hash of a problem, or None where laid over a preset it is none."""
+    try:
+        return problem_from(fields).hash
+    except ProblemError:
+        return None
 
 
 def _beside(name: str, fields: dict[str, Any]) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from sqlalchemy import bindparam, func, select, update
 from sqlalchemy.orm import Session
 from sqlalchemy.orm.attributes import set_committed_value
 
-from core.problem import content_hash
+from core.plain_data import content_hash
 from core.search import HopAddress
 from service import scheduler
 from service.db.dialect import insert_new, plain

@@ -18,9 +18,10 @@ from core.analysis.flight import Flight, FlownTrajectory, fly
 from core.analysis.missed_thrust import attempt, missed_thrust
 from core.analysis.safe_modes import THRUSTING
 from core.constants import SECONDS_PER_DAY
+from core.epochs import calendar_epoch, seconds_past_j2000
 from core.nlp import solve
 from core.orbits import departure_state
-from core.problem import Problem, calendar_epoch, load_problem, seconds_past_j2000
+from core.problem import Problem, load_problem
 from core.search import solve_recovery
 from core.transcription import transcribe
 from core.verification.verify import verify

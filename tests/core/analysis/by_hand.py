@@ -11,7 +11,8 @@ import spiceypy
 from scipy.integrate import solve_ivp
 
 from core.ephemeris.kernels import furnish
-from core.problem import load_problem, problem_from, seconds_past_j2000
+from core.epochs import seconds_past_j2000
+from core.problem import load_problem, problem_from
 
 PRESET = load_problem("ppe-drm3")
 ORIGIN_ET = seconds_past_j2000(PRESET.departure.epoch)

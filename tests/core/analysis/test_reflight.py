@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 
 from core.ephemeris.kernels import furnish
-from core.problem import seconds_past_j2000
+from core.epochs import seconds_past_j2000
 from core.verification import repropagation
 from core.verification.repropagation import Pilot, UnflyableError
+from core.world import BODIES
 
 EARTH_GM = 398600.43550702266
 ORIGIN_ET = seconds_past_j2000("2026-04-26T14:47:58")
@@ -21,8 +22,8 @@ def state_of(position, velocity, mass=1000.0):
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
-def test_a_circular_orbit_without_perturbers_returns_after_its_period(pilot, monkeypatch, direction):
-    monkeypatch.setattr(repropagation, "PERTURBERS", ())
+def test_a_circular_orbit_without_perturbers_returns_after_its_period(pilot, direction):
+    pilot.bodies = ()
     radius = 42164.0
     start = state_of((radius, 0, 0), (0, np.sqrt(EARTH_GM / radius), 0))
     period = 2 * np.pi * np.sqrt(radius**3 / EARTH_GM)
@@ -32,10 +33,9 @@ def test_a_circular_orbit_without_perturbers_returns_after_its_period(pilot, mon
     assert end[3:6] == pytest.approx(start[3:6], abs=2e-9)
 
 
-def test_the_moons_tide_on_the_line_of_centres_is_the_difference_of_two_inverse_squares(pilot, monkeypatch):
-    monkeypatch.setattr(repropagation, "PERTURBERS", repropagation.PERTURBERS[:1])
-    monkeypatch.setattr(repropagation, "GM_EARTH", 0.0)
-    moon = pilot.target_state(repropagation.MOON, 0.0)[:3]
+def test_the_moons_tide_on_the_line_of_centres_is_the_difference_of_two_inverse_squares(pilot):
+    pilot.bodies, pilot.center = pilot.bodies[:1], pilot.center._replace(gm_km3_s2=0.0)
+    moon = pilot.target_state(BODIES["MOON"].naif_id, 0.0)[:3]
     distance, near = np.linalg.norm(moon), 3.0e5
     end = pilot.arc(0.0, state_of(near * moon / distance, (0, 0, 0)), 600.0)
     tide = 4902.8001184575496 * (1 / (distance - near) ** 2 - 1 / distance**2)
@@ -43,9 +43,8 @@ def test_the_moons_tide_on_the_line_of_centres_is_the_difference_of_two_inverse_
     assert np.dot(end[3:6], moon) / distance == pytest.approx(tide * 600.0, rel=1e-2)
 
 
-def test_thrust_without_gravity_follows_the_rocket_equation(pilot, monkeypatch):
-    monkeypatch.setattr(repropagation, "PERTURBERS", ())
-    monkeypatch.setattr(repropagation, "GM_EARTH", 0.0)
+def test_thrust_without_gravity_follows_the_rocket_equation(pilot):
+    pilot.bodies, pilot.center = (), pilot.center._replace(gm_km3_s2=0.0)
     start, duration = state_of((1e5, 0, 0), (0, 0, 0)), 20 * 86400.0
     end = pilot.arc(0.0, start, duration, pilot.thrust(np.array([0.5, np.pi / 2, 0.0])))
     burned = 0.5 * 3.0e-3 / 26.554648 * duration
@@ -64,7 +63,7 @@ def test_an_arc_flown_back_returns_to_its_start(pilot):
 
 
 def test_a_fall_into_the_moon_is_told_with_its_epoch(pilot):
-    moon = pilot.target_state(repropagation.MOON, 0.0)
+    moon = pilot.target_state(BODIES["MOON"].naif_id, 0.0)
     above = state_of(moon[:3] + np.array([20000.0, 0, 0]), moon[3:])
     with pytest.raises(UnflyableError, match=r"meets the Moon 0\.\d+ days after departure"):
         pilot.arc(0.0, above, 3 * 86400.0)

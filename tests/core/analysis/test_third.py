@@ -8,8 +8,9 @@ from core.constants import GM_EARTH
 from core.problem import load_problem
 from core.verification.certificate import certify
 from core.verification.end_to_end import apart
-from core.verification.heyoka_check import read_runs
+from core.verification.heyoka_check import links_of, read_runs
 from core.verification.repropagation import UnflyableError, pilot_of
+from core.world import EARTH
 from tests.core.analysis.by_hand import ORIGIN_ET
 
 pytest.importorskip("heyoka", reason="heyoka is an extra: pip install -c constraints.txt -e '.[heyoka]'")
@@ -28,7 +29,7 @@ def scipy_pilot():
 
 @pytest.fixture(scope="module")
 def pilot(scipy_pilot):
-    return TaylorPilot(scipy_pilot, read_runs(ORIGIN_ET, ORIGIN_ET + 50 * DAY))
+    return TaylorPilot(scipy_pilot, read_runs(links_of(EARTH), ORIGIN_ET, ORIGIN_ET + 50 * DAY), EARTH)
 
 
 @pytest.fixture(scope="module")

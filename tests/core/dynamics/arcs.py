@@ -6,7 +6,8 @@ import numpy as np
 
 from core.dynamics import STATE, THRUST, force_model, propagate
 from core.ephemeris import body_table
-from core.problem import load_problem, seconds_past_j2000
+from core.epochs import seconds_past_j2000
+from core.problem import load_problem
 
 PRESET = load_problem("ppe-drm3")
 ORIGIN_ET = seconds_past_j2000(PRESET.departure.epoch)

@@ -7,7 +7,8 @@ from core.constants import GM_EARTH, GM_JUPITER, GM_MOON, GM_SUN
 from core.dynamics import force_model
 from core.dynamics.force import FIELD_WIDTH, field_at, field_table, gravity, gravity_gradient
 from core.ephemeris import body_table, positions
-from core.problem import load_problem, seconds_past_j2000
+from core.epochs import seconds_past_j2000
+from core.problem import load_problem
 from tests.core.partials import assert_partials
 
 BODIES = np.array([0.8, 0.3, -0.5, -300.0, 250.0, 60.0, 1500.0, -800.0, 100.0])

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 import spiceypy
 
-from core.constants import BODIES, SECONDS_PER_DAY
+from core.constants import SECONDS_PER_DAY
 from core.ephemeris import EpochError, body_table, furnish, positions, span_days, state_at, states
-from core.problem import seconds_past_j2000
+from core.epochs import seconds_past_j2000
 from core.units import LU_KM, TU_DAYS, VU_KM_S
+from core.world import USUAL
 
 ORIGIN = seconds_past_j2000("2026-04-26T14:47:58")
 START, STOP = -5.0, 200.0
@@ -23,7 +24,7 @@ def table():
 def spice_state(days):
     furnish()
     et = ORIGIN + days * SECONDS_PER_DAY
-    return np.array([spiceypy.spkezr(body, et, "J2000", "NONE", "EARTH")[0] for body in BODIES])
+    return np.array([spiceypy.spkezr(body, et, "J2000", "NONE", "EARTH")[0] for body in USUAL["EARTH"]])
 
 
 def epochs():

@@ -1,5 +1,6 @@
 """Solves end with an outcome: feasible ones hold their bounds and defects, others name their reason."""
 
+import dataclasses
 import resource
 
 import numpy as np
@@ -14,6 +15,7 @@ from core.search import sample_guess
 from core.tolerances import violation
 from core.transcription import Guess, transcribe
 from core.verification.verify import verify
+from core.world import EARTH
 from tests.core.known import near, optimum, solution
 from tests.core.transcription.points import PRESET, problem, random_point
 
@@ -186,7 +188,11 @@ def test_states_that_are_missing_are_propagated(flown):
 @pytest.mark.parametrize("guess", [optimum, lambda: near(transcribe(PRESET), 1)])
 def test_a_path_through_a_body_is_refused_by_name(monkeypatch, flown, guess):
     # The path passes within 7,000 km of the Moon, and not below 100 km above it.
-    monkeypatch.setattr("core.transcription.transcription.CLEARANCE_KM", (6578.0, 7000.0))
+    moon, *others = EARTH.bodies
+    bodies = (moon._replace(lowest_km=7000.0 - moon.radius_km), *others)
+    higher = dataclasses.replace(EARTH, bodies=bodies)
+    monkeypatch.setattr("core.transcription.transcription.world_of", lambda _: higher)
+    monkeypatch.setattr(flown, "world", higher)
     outcome = solve(flown, guess(), SolveSettings(max_iterations=150))
     assert outcome.status is ExitStatus.IMPACT and not outcome.is_feasible
     monkeypatch.undo()

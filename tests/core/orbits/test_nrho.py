@@ -8,9 +8,10 @@ from scipy.integrate import solve_ivp
 from core.constants import SECONDS_PER_DAY
 from core.dynamics import force_model
 from core.ephemeris import body_table, state_at
+from core.epochs import seconds_past_j2000
 from core.orbits import nrho as shooting
 from core.orbits.nrho import margin_days, nrho
-from core.problem import load_problem, seconds_past_j2000
+from core.problem import load_problem
 from core.units import LU_KM, TU_DAYS, VU_KM_S
 
 PERIOD = 6.5623

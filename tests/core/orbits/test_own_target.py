@@ -11,8 +11,9 @@ from core.constants import SECONDS_PER_DAY
 from core.ephemeris import furnish, state_at
 from core.ephemeris.daf import SpkError
 from core.ephemeris.spk import new_spk, read_orbit
+from core.epochs import seconds_past_j2000
 from core.orbits.target import target_kernel, target_table
-from core.problem import ProblemError, SpkTarget, load_problem, problem_from, seconds_past_j2000
+from core.problem import ProblemError, SpkTarget, load_problem, problem_from
 from core.tolerances import violation
 from core.transcription import transcribe
 from core.units import LU_KM, VU_KM_S

@@ -5,9 +5,9 @@ import pytest
 
 from core.constants import MU_CR3BP
 from core.ephemeris import body_table, state_at
+from core.epochs import seconds_past_j2000
 from core.orbits.nrho import halo_of_period
 from core.orbits.rotating import jacobi, rotating_frame, to_inertial
-from core.problem import seconds_past_j2000
 from core.units import TU_DAYS
 from tests.core.orbits.jacobi import jacobi_constant
 

@@ -7,10 +7,11 @@ import pytest
 import spiceypy
 from scipy.integrate import solve_ivp
 
-from core.constants import BODIES, GM_EARTH, GM_JUPITER, GM_MOON, GM_SUN
+from core.constants import GM_EARTH, GM_JUPITER, GM_MOON, GM_SUN
 from core.ephemeris import furnish
 from core.orbits.spiral import SpiralError, departure_state
 from core.problem import SpiralDeparture, load_problem, problem_from
+from core.world import USUAL
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "spiral.toml"
 PRESET = load_problem("ppe-drm3")
@@ -45,7 +46,7 @@ def test_the_end_of_the_spiral_agrees_with_an_independent_indication(end):
 def test_two_days_of_spiral_agree_with_spice_and_scipy():
     def rates(t, y):
         total = -GM_EARTH * y[:3] / np.linalg.norm(y[:3]) ** 3
-        for body, gm in zip(BODIES, (GM_MOON, GM_SUN, GM_JUPITER), strict=True):
+        for body, gm in zip(USUAL["EARTH"], (GM_MOON, GM_SUN, GM_JUPITER), strict=True):
             place = spiceypy.spkpos(body, start.et + t, "J2000", "NONE", "EARTH")[0]
             away = place - y[:3]
             total += gm * (away / np.linalg.norm(away) ** 3 - place / np.linalg.norm(place) ** 3)

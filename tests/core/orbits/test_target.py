@@ -10,14 +10,16 @@ import pytest
 import spiceypy
 from scipy.integrate import solve_ivp
 
-from core.constants import BODIES, GM_EARTH, GM_JUPITER, GM_MOON, GM_SUN, SECONDS_PER_DAY
+from core.constants import GM_EARTH, GM_JUPITER, GM_MOON, GM_SUN, SECONDS_PER_DAY
 from core.ephemeris import body_table, furnish, state_at
 from core.ephemeris.daf import SpkError
 from core.ephemeris.spk import read_orbit
+from core.epochs import seconds_past_j2000
 from core.orbits import target
 from core.orbits.target import NRHO_WINDOW_DAYS, target_kernel, target_table
-from core.problem import load_problem, problem_from, seconds_past_j2000
+from core.problem import load_problem, problem_from
 from core.units import LU_KM, TU_DAYS, VU_KM_S
+from core.world import USUAL
 
 PROBLEM = load_problem("ppe-drm3")
 DEPARTURE_ET = seconds_past_j2000(PROBLEM.departure.epoch)
@@ -70,7 +72,7 @@ def test_perilunes_keep_the_phase_over_the_whole_window(kernel):
 def test_nrho_is_ballistic_under_spice_and_scipy(kernel):
     def rates(t, y):
         total = -GM_EARTH * y[:3] / np.linalg.norm(y[:3]) ** 3
-        for body, gm in zip(BODIES, (GM_MOON, GM_SUN, GM_JUPITER), strict=True):
+        for body, gm in zip(USUAL["EARTH"], (GM_MOON, GM_SUN, GM_JUPITER), strict=True):
             place = spiceypy.spkpos(body, t, "J2000", "NONE", "EARTH")[0]
             away = place - y[:3]
             total += gm * (away / np.linalg.norm(away) ** 3 - place / np.linalg.norm(place) ** 3)

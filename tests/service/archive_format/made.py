@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-from core.problem import content_hash
+from core.plain_data import content_hash
 from service.new_file import write_new
 from service.schemas.solution import Filter
 from service.spec import spec_from

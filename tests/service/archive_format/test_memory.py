@@ -7,7 +7,7 @@ import zipfile
 
 import pytest
 
-from core.problem import content_hash
+from core.plain_data import content_hash
 from tests.service.archive_format.test_refused import forged
 
 #: What a file may add to the memory of a process [MiB]; the first of those below, of 20 kB, took 1,900.

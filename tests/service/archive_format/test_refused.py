@@ -6,7 +6,7 @@ import zipfile
 
 import pytest
 
-from core.problem import content_hash
+from core.plain_data import content_hash
 from service.archive_format import container
 from service.archive_format.container import PortableError, Unpacked
 from service.store.archive_files import import_file

@@ -60,7 +60,7 @@ MISTAKES = {
     "run broken.toml": r"spec: .* got broken.toml: .*at line 1, column",
     "run bytes.toml": r"spec: .* got bytes.toml: .*UTF-8",
     "run misspelt.toml": r"spec.search.0.guesess: expected one of id, .*, got unknown key 'guesess'",
-    "run preset.toml": r"spec.problem.preset: expected one of ppe-drm3, got 'ppe-drm4'",
+    "run preset.toml": r"spec.problem.preset: expected one of earth-mars, ppe-drm3, got 'ppe-drm4'",
     "run segment.toml": r"spec: search s1-0: .* expected a segment in 1..49 .*, got 77",
     "run target.toml": r"spec.problem.target: expected an SPK file, got \S+/moon.bsp, which is not a file",
     "run no-kernel/target.toml": r"spec.problem: target \S+/no-kernel/x.bsp: expected an SPK kernel",

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.problem import content_hash, load_problem
+from core.plain_data import content_hash
+from core.problem import load_problem
 from service import cli
 from service.cli.options import console
 from service.problem_set import (

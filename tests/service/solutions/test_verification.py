@@ -10,7 +10,7 @@ from importlib.util import find_spec
 import pytest
 from sqlalchemy import update
 
-from core.problem import content_hash
+from core.plain_data import content_hash
 from service import cli
 from service.cli import solution_commands as cli_verify
 from service.cli.options import console

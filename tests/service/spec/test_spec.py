@@ -108,7 +108,7 @@ REFUSED = [
     (spec_fields(search=[]), "spec.search: expected at least 1 item, got 0"),
     (spec_fields(campaign={"name": "x", "rng_seed": -1}), "spec.campaign.rng_seed"),
     (spec_fields(campaign={"name": "../x", "rng_seed": 1}), "spec.campaign.name: expected 1 to 80 letters, "),
-    (spec_fields(problem={"preset": "moon-shot"}), "expected one of ppe-drm3, got 'moon-shot'"),
+    (spec_fields(problem={"preset": "moon-shot"}), "expected one of earth-mars, ppe-drm3, got 'moon-shot'"),
     (spec_fields(problem={"preset": "ppe-drm3", "outages": [OUTAGE]}), "outages: expected none here"),
     (
         spec_fields(problem={"preset": "ppe-drm3", "n_segments": -3}),
