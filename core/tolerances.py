@@ -1,9 +1,11 @@
 """When a trajectory counts as closed: two levels of bounds on the defects, docs/method.md section 9."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +23,7 @@ PAPER = Tolerance(1.0, 0.1, 1.0)
 STRICT = Tolerance(0.1, 1e-4, 0.01)
 
 
-def violation(defects: NDArray[np.float64], tolerance: Tolerance = STRICT) -> float:
+def violation(defects: "NDArray[np.float64]", tolerance: Tolerance = STRICT) -> float:
     """Return the largest norm of a defect over its bound: at most 1 where all hold, infinite if not finite.
 
     Parameters
@@ -31,6 +33,9 @@ def violation(defects: NDArray[np.float64], tolerance: Tolerance = STRICT) -> fl
     tolerance : Tolerance
         Bounds.
     """
+    # Imported here: to read a problem needs no arrays.
+    import numpy as np
+
     position = np.linalg.norm(defects[:, :3], axis=1) / tolerance.position_km
     velocity = np.linalg.norm(defects[:, 3:6], axis=1) / tolerance.velocity_km_s
     mass = np.abs(defects[:, 6]) / tolerance.mass_kg

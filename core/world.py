@@ -5,9 +5,10 @@ Frame: axes J2000, origin at the centre.  Units of the constants: km, s, kg.
 
 import functools
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -200,6 +201,13 @@ def absent_if_usual(fields: WorldFields | None) -> WorldFields | None:
 def world_of(problem: "Problem") -> World:
     """Return the world of a problem."""
     return _world(problem.world, problem.spacecraft.wet_mass_kg)
+
+
+def world_from(definition: Mapping[str, Any]) -> World:
+    """Return the world of a problem that is plain data, without making the problem."""
+    fields = definition.get("world")
+    world = None if fields is None else WorldFields.model_validate(fields)
+    return _world(world, definition["spacecraft"]["wet_mass_kg"])
 
 
 @functools.lru_cache(maxsize=256)

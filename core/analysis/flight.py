@@ -22,6 +22,7 @@ from core.problem import Outage, Problem
 from core.transcription import TrajectoryLayout, Transcription, checked_vector, transcribe
 from core.transcription.control import thrust_of
 from core.units import LU_KM, TU_DAYS
+from core.world import World
 
 Array = NDArray[np.float64]
 
@@ -183,6 +184,8 @@ class Flight:
     moon: Path
     #: The target orbit from the reference's insertion on.
     target: Path
+    #: The bodies that the frames are about; `moon` is the first of them, or the target where it has none.
+    world: World
 
 
 class _Piece(NamedTuple):
@@ -247,6 +250,7 @@ def fly(
         trajectories=tuple(flown),
         moon=sampler.path(sampler.moon_at, 0.0, arrival, MOON_STEP_DAYS * sampler.slowness),
         target=sampler.target_path(insertion, arrival),
+        world=transcription.world,
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.analysis.flight import Arc, Flight, FlownTrajectory, Path
+from core.world import World
 
 #: Decimals by what a field is measured in.
 DAYS, KM, KM_S, KG, RAD, SHARE = 5, 0, 5, 3, 4, 4
@@ -28,8 +29,20 @@ def flight_as_json(flight: Flight, most: int = MOST_SAMPLES, has_frames: bool = 
         "moon": _path(flight.moon),
         "target": _path(flight.target),
         "n_samples": n_samples,
+        "world": _world(flight.world),
     }
     return sent if has_frames else _without_frames(sent)
+
+
+def _world(world: World) -> dict[str, Any]:
+    """Return the names of the centre and of the main body, its mean distance and its radius [km]."""
+    main = world.bodies[0] if world.bodies else None
+    return {
+        "center": world.center.title,
+        "main": main.title if main else "target",
+        "length_km": world.units.lu_km,
+        "main_radius_km": main.radius_km if main else 0.0,
+    }
 
 
 def _without_frames(sent: dict[str, Any]) -> dict[str, Any]:

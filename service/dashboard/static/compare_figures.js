@@ -2,7 +2,7 @@
 
 import { el } from "./dom.js";
 import { axis, Figure, sampled, series } from "./figures.js";
-import { FRAMES, LIT, NOWHERE, outageOf, pointsOf } from "./flight.js";
+import { FRAMES, framesOf, LIT, NOWHERE, outageOf, pointsOf } from "./flight.js";
 import { shortId } from "./format.js";
 import { bodies, columns, line, proportions, sceneLayout } from "./scene.js";
 import { colour } from "./theme.js";
@@ -89,7 +89,7 @@ export class Overlay {
       line("Target orbit", pointsOf(first.target, frame), { color: colour("target"), width: 4 }),
       ...sides.flatMap((side, place) => shownTrajectories(side, hasRealizations).flatMap((trajectory, i) => arcs(trajectory, i, nameOf(side, place, isNarrow), lookOf(place).color, frame, step))),
     ];
-    const note = FRAMES.find(({ id }) => id === frame)?.note ?? "";
+    const note = framesOf(first.world).find(({ id }) => id === frame)?.note ?? "";
     const words = `${note} Thick: thrust; thin: coast; dotted: realizations; orange: outages. ${sampled(Math.ceil(n / step), n, "samples")}`;
     const layout = { ...sceneLayout(frame, proportions(traces), this.figure.plot.clientWidth), showlegend: true };
     this.waiting.hidden = true;
@@ -99,13 +99,14 @@ export class Overlay {
 }
 
 /**
- * Return the Moon, which is at rest in the rotating frame.
+ * Return the main body, which is at rest in the rotating frame.
  * @param {Flight} flight
  */
 function moon(flight) {
-  const label = { mode: "markers+text", text: ["Moon"], textposition: "top center", textfont: { color: colour("muted"), size: 12 } };
+  const { main } = flight.world;
+  const label = { mode: "markers+text", text: [main], textposition: "top center", textfont: { color: colour("muted"), size: 12 } };
   const marker = { color: colour("moon"), size: 7 };
-  return { type: "scatter3d", name: "Moon", ...columns([pointsOf(flight.moon, "rotating")[0]]), ...label, marker, hovertemplate: "Moon<extra></extra>" };
+  return { type: "scatter3d", name: main, ...columns([pointsOf(flight.moon, "rotating")[0]]), ...label, marker, hovertemplate: `${main}<extra></extra>` };
 }
 
 /**

@@ -8,9 +8,6 @@ import { colour } from "./theme.js";
 
 /** @import { RecordInFull } from "../types" */
 
-/** Tolerances of docs/method.md: position [km], velocity [km/s], mass [kg]. */
-const STRICT = [0.1, 1e-4, 0.01];
-const LOOSE = [1, 0.1, 1];
 const PARTS = ["position", "velocity", "mass"];
 const UNITS = ["km", "km/s", "kg"];
 const HEAD = ["Trajectory", "Part", "Solved", "Verified", "Strict", "Loose"];
@@ -24,6 +21,7 @@ const ROW_PX = 17;
  * @param {RecordInFull} judged
  */
 export function showDefectTable(place, judged) {
+  const { strict, loose } = judged.tolerances;
   const rows = judged.defects_verified.flatMap((_, i) => {
     const [solved, verified] = [norms(judged.defects_solved[i]), norms(judged.defects_verified[i])];
     return PARTS.map((part, j) =>
@@ -33,9 +31,9 @@ export function showDefectTable(place, judged) {
         j === 0 && el("th", { scope: "rowgroup", rowspan: 3 }, nameOf(i)),
         el("td", {}, part),
         el("td", { class: "number" }, small(solved[j], UNITS[j])),
-        el("td", { class: "number", "data-within": within(verified[j], j) }, small(verified[j], UNITS[j])),
-        el("td", { class: "number muted minor" }, `≤ ${small(STRICT[j])}`),
-        el("td", { class: "number muted minor" }, `≤ ${small(LOOSE[j])}`),
+        el("td", { class: "number", "data-within": within(verified[j], strict[j], loose[j]) }, small(verified[j], UNITS[j])),
+        el("td", { class: "number muted minor" }, `≤ ${small(strict[j])}`),
+        el("td", { class: "number muted minor" }, `≤ ${small(loose[j])}`),
       ),
     );
   });
@@ -88,16 +86,17 @@ function drawing(judged, width) {
  */
 function rows(judged, i, left, x, isNarrow) {
   const [solved, verified] = [norms(judged.defects_solved[i]), norms(judged.defects_verified[i])];
+  const { strict, loose } = judged.tolerances;
   const name = isNarrow ? (i === 0 ? "ref." : `real. ${i}`) : nameOf(i);
   return PARTS.flatMap((part, j) => {
     const y = 20 + i * (3 * ROW_PX + 8) + j * ROW_PX;
-    const tint = colour({ strict: "good", paper: "fair", none: "poor" }[within(verified[j], j)] ?? "poor");
+    const tint = colour({ strict: "good", paper: "fair", none: "poor" }[within(verified[j], strict[j], loose[j])] ?? "poor");
     const label = `${nameOf(i)}, ${part}: solved ${small(solved[j], UNITS[j])}, verified ${small(verified[j], UNITS[j])}`;
-    const loose = x(LOOSE[j] / STRICT[j]);
+    const limit = x(loose[j] / strict[j]);
     return [
       svg("text", { x: left - 10, y: y + 4, "text-anchor": "end", fill: colour("muted"), "font-size": 11.5 }, j === 0 ? `${name}, ${part}` : part),
-      svg("line", { x1: loose, x2: loose, y1: y - 6, y2: y + 6, stroke: colour("fair"), "stroke-width": 2 }),
-      svg("g", {}, svg("title", {}, label), svg("circle", { cx: x(solved[j] / STRICT[j]), cy: y, r: 4.5, fill: "none", stroke: colour("muted"), "stroke-width": 1.5 }), svg("circle", { cx: x(verified[j] / STRICT[j]), cy: y, r: 4, fill: tint })),
+      svg("line", { x1: limit, x2: limit, y1: y - 6, y2: y + 6, stroke: colour("fair"), "stroke-width": 2 }),
+      svg("g", {}, svg("title", {}, label), svg("circle", { cx: x(solved[j] / strict[j]), cy: y, r: 4.5, fill: "none", stroke: colour("muted"), "stroke-width": 1.5 }), svg("circle", { cx: x(verified[j] / strict[j]), cy: y, r: 4, fill: tint })),
     ];
   });
 }
@@ -119,9 +118,10 @@ function norms(row) {
 
 /**
  * @param {number} value
- * @param {number} part
+ * @param {number} strict
+ * @param {number} loose
  */
-function within(value, part) {
-  if (value <= STRICT[part]) return "strict";
-  return value <= LOOSE[part] ? "paper" : "none";
+function within(value, strict, loose) {
+  if (value <= strict) return "strict";
+  return value <= loose ? "paper" : "none";
 }

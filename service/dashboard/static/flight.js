@@ -8,28 +8,48 @@ import { colour } from "./theme.js";
 /**
  * @typedef {{ kind: "coast" | "thrust" | "outage", segment: number, first: number, stop: number, throttle: number,
  *   in_plane_rad: number, out_of_plane_rad: number }} Arc
- * @typedef {{ days: number[], inertial_km: number[][], rotating_km: number[][], moon_km: number[][] }} Track
+ * @typedef {{ days: number[], inertial_km: number[][], rotating_km: number[][], moon_km: number[][], length_km?: number }} Track
  * @typedef {Track & { outage: OutageView | null, arcs: Arc[], matchpoint: number, speed_km_s: number[], mass_kg: number[] }} Trajectory
- * @typedef {{ trajectories: Trajectory[], moon: Track, target: Track, n_samples: number }} Flight
+ * @typedef {{ center: string, main: string, length_km: number, main_radius_km: number }} World  names, the main body's mean
+ *   distance and radius; `moon` and `moon_km` of the data are the main body's
+ * @typedef {{ trajectories: Trajectory[], moon: Track, target: Track, n_samples: number, world: World }} Flight
  * @typedef {"rotating" | "inertial" | "moon"} Frame
  * @typedef {[number | null, number | null, number | null]} Point
  */
 
-/** @type {{ id: Frame, title: string, note: string }[]} */
-export const FRAMES = [
-  {
-    id: "rotating",
-    title: "Earth–Moon rotating",
-    note: "x along the Moon, z along its angular momentum; lengths scaled so that the Moon stays at 384 400 km.",
-  },
-  { id: "inertial", title: "Inertial", note: "Geocentric, J2000 axes." },
-  { id: "moon", title: "Moon-centred", note: "Moon-centred, J2000 axes; drawn within 100 000 km, the Moon to scale." },
-];
+/** Distance of the Moon, and the reach of the frame about it that is drawn [km]; other worlds in proportion. */
+const [MOON_KM, MOON_REACH_KM] = [384_400, 1e5];
+
+/**
+ * Return the frames of a world.
+ * @param {World} world
+ * @returns {{ id: Frame, title: string, note: string }[]}
+ */
+export function framesOf({ center, main, length_km, main_radius_km }) {
+  const [name, scale] = [main === "target" ? "target" : main, number(length_km, 0, "km")];
+  const the = name === "Moon" || name === "target" ? `the ${name}` : name;
+  const title = name[0].toUpperCase() + name.slice(1);
+  const sized = main_radius_km > 0 ? `, ${the} to scale` : "";
+  return [
+    {
+      id: "rotating",
+      title: `${center}–${name} rotating`,
+      note: `x along ${the}, z along its angular momentum; lengths scaled so that ${the} stays at ${scale}.`,
+    },
+    { id: "inertial", title: "Inertial", note: `${center === "Earth" ? "Geocentric" : "Heliocentric"}, J2000 axes.` },
+    { id: "moon", title: `${title}-centred`, note: `${title}-centred, J2000 axes; drawn within ${number(reach(length_km), 0, "km")}${sized}.` },
+  ];
+}
+
+/** @param {number} lengthKm of a world */
+function reach(lengthKm) {
+  return (MOON_REACH_KM * lengthKm) / MOON_KM;
+}
+
+export const FRAMES = framesOf({ center: "Earth", main: "Moon", length_km: MOON_KM, main_radius_km: 1737.4 });
 
 /** Below this throttle a segment is drawn as a coast. */
 export const LIT = 0.02;
-/** Radius of the Moon-centred frame that is drawn [km]. */
-const MOON_REACH_KM = 1e5;
 /** @type {Point} */
 export const NOWHERE = [null, null, null];
 const COLOURS = ["realization", "realization-2", "realization-3", "realization-4", "realization-5"];
@@ -76,7 +96,7 @@ function pointOf(track, i, frame) {
   if (frame === "rotating") return /** @type {Point} */ (track.rotating_km[i]);
   const [place, moon] = [track.inertial_km[i], track.moon_km[i]];
   if (frame === "inertial") return /** @type {Point} */ (place);
-  if (!(distance(place, moon) < MOON_REACH_KM)) return NOWHERE;
+  if (!(distance(place, moon) < reach(track.length_km ?? MOON_KM))) return NOWHERE;
   return /** @type {Point} */ (place.map((value, axis) => value - moon[axis]));
 }
 
@@ -129,7 +149,7 @@ export function spacecraftAt(flight, index, day, frame) {
 
 /**
  * @param {number[]} place
- * @param {number[]} [from] the Earth's centre if left out
+ * @param {number[]} [from] the centre if left out
  */
 export function distance(place, from = [0, 0, 0]) {
   return Math.hypot(place[0] - from[0], place[1] - from[1], place[2] - from[2]);

@@ -2,7 +2,7 @@
 
 import { ApiError, get } from "./api.js";
 import { byId, el, fill } from "./dom.js";
-import { FRAMES, lastDay, lookOf, nameOf, outageText } from "./flight.js";
+import { FRAMES, framesOf, lastDay, lookOf, nameOf, outageText } from "./flight.js";
 import { number } from "./format.js";
 import { withAllFrames } from "./frames.js";
 import { parameter, setParameters } from "./page.js";
@@ -57,6 +57,7 @@ export class FlightView {
     if (!this.flight || !this.slider) return;
     this.mark();
     const frame = this.frame;
+    framesOf(this.flight.world).forEach(({ title }, i) => fill(/** @type {HTMLElement} */ (this.tabs.children[i]), title));
     showLegend(this.legend, this.flight, frame, this.hidden, (index, isShown) => this.switch(index, isShown));
     await this.trajectory.show(this.flight, frame, this.hidden, this.slider.day);
     await this.profile.show(this.flight, this.hidden);
@@ -246,7 +247,7 @@ export function showLegend(place, flight, frame, hidden, onSwitch) {
   /** @type {[string, string, string][]} */
   const others = [["medium", colour("target"), "target orbit"]];
   if (flight.trajectories.length > 1) others.unshift(["thick", colour("outage"), "outage"]);
-  if (frame === "inertial") others.push(["dotted", colour("moon"), "Moon’s path"]);
+  if (frame === "inertial") others.push(["dotted", colour("moon"), `${flight.world.main}’s path`]);
   const rest = others.map(([kind, tint, words]) => el("li", {}, swatch(kind, tint), words));
   fill(place, switches, rest, el("li", { class: "muted" }, "thick: thrust; thin: coast; ◆ spacecraft now"));
   if (focused) document.getElementById(focused)?.focus();

@@ -4,8 +4,6 @@
 
 /** @typedef {[number[], number[]]} State  position [km] and velocity [km/d] */
 
-/** Mean distance of the Moon, to which the rotating frame is scaled [km]. */
-const MOON_KM = 384_400;
 /** Twelve times the derivative at the first, the middle and the last of five points of a polynomial. */
 const WEIGHTS = { 0: [-25, 48, -36, 16, -3], 2: [1, -8, 0, 8, -1], 4: [3, -16, 36, -48, 25] };
 const LEAST_STEP_DAYS = 0.4;
@@ -15,21 +13,24 @@ const LEAST_STEP_DAYS = 0.4;
  * @param {Flight} flight with positions in the inertial frame alone
  */
 export function withAllFrames(flight) {
-  for (const track of [...flight.trajectories, flight.moon]) complete(track, flight.moon.days, flight.moon.inertial_km);
-  complete(flight.target, flight.target.days, flight.target.moon_km);
+  const { length_km } = flight.world;
+  for (const track of [...flight.trajectories, flight.moon]) complete(track, flight.moon.days, flight.moon.inertial_km, length_km);
+  complete(flight.target, flight.target.days, flight.target.moon_km, length_km);
   return flight;
 }
 
 /**
  * @param {Track} track
  * @param {number[]} days
- * @param {number[][]} places of the Moon
+ * @param {number[][]} places of the main body
+ * @param {number} lengthKm its distance in the rotating frame
  */
-function complete(track, days, places) {
+function complete(track, days, places, lengthKm) {
   const velocities = places.map((_, i) => slope(days, places, i));
   const states = track.days.map((day) => moonAt(day, days, places, velocities));
   track.moon_km = states.map(([place]) => place);
-  track.rotating_km = track.inertial_km.map((place, i) => rotated(place, ...states[i]));
+  track.rotating_km = track.inertial_km.map((place, i) => rotated(place, ...states[i], lengthKm));
+  track.length_km = lengthKm;
 }
 
 /**
@@ -68,18 +69,19 @@ function moonAt(day, days, places, velocities) {
 }
 
 /**
- * Return a position in the rotating frame: x to the Moon, z along its angular momentum, scaled to its mean distance.
+ * Return a position in the rotating frame: x to the main body, z along its angular momentum, scaled to its mean distance.
  * @param {number[]} place
- * @param {number[]} moon
- * @param {number[]} velocity of the Moon
+ * @param {number[]} moon the main body
+ * @param {number[]} velocity of the main body
+ * @param {number} lengthKm
  */
-function rotated(place, moon, velocity) {
+function rotated(place, moon, velocity, lengthKm) {
   const far = Math.hypot(...moon);
   const x = moon.map((value) => value / far);
   const momentum = cross(moon, velocity);
   const size = Math.hypot(...momentum);
   const z = momentum.map((value) => value / size);
-  const scale = MOON_KM / far;
+  const scale = lengthKm / far;
   return [x, cross(z, x), z].map((axis) => scale * (axis[0] * place[0] + axis[1] * place[1] + axis[2] * place[2]));
 }
 

@@ -5,7 +5,7 @@ import { Figure, sampled } from "./figures.js";
 import { distance, LIT, lookOf, nameOf, outageOf } from "./flight.js";
 import { colour } from "./theme.js";
 
-/** @import { Arc, Flight, Trajectory } from "./flight.js" */
+/** @import { Arc, Flight, Trajectory, World } from "./flight.js" */
 
 /** @typedef {{ title: string, from: number, to: number, axis?: object, of: (trajectory: Trajectory) => { x: (number | null)[], y: (number | null)[] } }} Row */
 
@@ -40,14 +40,16 @@ const CONTROLS = [
 
 /**
  * @param {number} step
+ * @param {World} world
  * @returns {Row[]}
  */
-function state(step) {
+function state(step, { center, main, length_km: length }) {
+  const [unit, km] = length > 1e6 ? ["10⁶ km", 1e6] : ["10³ km", 1e3];
   const log = { type: "log", tickvals: [1, 3, 10, 30, 100, 300, 1000] };
   return [
     { title: "mass [kg]", from: 0.7, to: 1, axis: { tickformat: ",.0f", nticks: 4 }, of: (t) => every(t, step, (i) => t.mass_kg[i]) },
-    { title: "to Earth [10³ km]", from: 0.35, to: 0.65, axis: { rangemode: "tozero", nticks: 5 }, of: (t) => every(t, step, (i) => distance(t.inertial_km[i]) / 1000) },
-    { title: "to Moon [10³ km]", from: 0, to: 0.3, axis: log, of: (t) => every(t, step, (i) => distance(t.inertial_km[i], t.moon_km[i]) / 1000) },
+    { title: `to ${center} [${unit}]`, from: 0.35, to: 0.65, axis: { rangemode: "tozero", nticks: 5 }, of: (t) => every(t, step, (i) => distance(t.inertial_km[i]) / km) },
+    { title: `to ${main} [${unit}]`, from: 0, to: 0.3, axis: log, of: (t) => every(t, step, (i) => distance(t.inertial_km[i], t.moon_km[i]) / km) },
   ];
 }
 
@@ -71,7 +73,7 @@ export class ProfileFigures {
     const step = Math.max(1, Math.ceil(n / (MOST_POINTS - 200 * shown.length)));
     const angles = "Angles: azimuth and elevation in J2000 axes, where the thruster burns.";
     await this.controls.show(flight, shown, CONTROLS, angles);
-    await this.states.show(flight, shown, state(step), `${sampled(Math.ceil(n / step), n)}Distances from the centres of the bodies.`);
+    await this.states.show(flight, shown, state(step, flight.world), `${sampled(Math.ceil(n / step), n)}Distances from the centres of the bodies.`);
   }
 
   /** @param {number} day */

@@ -5,7 +5,6 @@ import { colour } from "./theme.js";
 
 /** @import { Flight, Frame, Point } from "./flight.js" */
 
-const MOON_RADIUS_KM = 1737.4;
 const KM_PER_UNIT = 1000;
 
 /**
@@ -25,17 +24,18 @@ export function columns(points) {
 }
 
 /**
- * Return what does not move: the Earth, the departure, the Moon's path or, in its own frame, the Moon.
+ * Return what does not move: the centre, the departure, the main body's path or, in its own frame, the main body.
  * @param {Flight} flight
  * @param {Frame} frame
  */
 export function bodies(flight, frame) {
   const start = pointsOf(flight.trajectories[0], frame)[0];
   const departure = marker("departure", start, colour("text"), 4, "circle-open");
-  if (frame === "moon") return [departure, sphere(MOON_RADIUS_KM)];
-  const earth = marker("Earth", [0, 0, 0], colour("earth"), 9, "circle");
+  const { center, main, main_radius_km: radius } = flight.world;
+  if (frame === "moon") return radius > 0 ? [departure, sphere(main, radius)] : [departure];
+  const earth = marker(center, [0, 0, 0], colour("earth"), 9, "circle");
   if (frame === "rotating") return [earth, departure];
-  return [line("Moon’s path", pointsOf(flight.moon, frame), { color: colour("moon"), width: 1.5, dash: "dot" }), earth, departure];
+  return [line(`${main}’s path`, pointsOf(flight.moon, frame), { color: colour("moon"), width: 1.5, dash: "dot" }), earth, departure];
 }
 
 /**
@@ -59,21 +59,24 @@ function marker(name, point, tint, size, symbol) {
   };
 }
 
-/** @param {number} radiusKm */
-function sphere(radiusKm) {
+/**
+ * @param {string} name
+ * @param {number} radiusKm
+ */
+function sphere(name, radiusKm) {
   const steps = Array.from({ length: 25 }, (_, i) => i / 24);
   const radius = radiusKm / KM_PER_UNIT;
   const grid = (/** @type {(u: number, v: number) => number} */ of) =>
     steps.map((v) => steps.map((u) => radius * of(2 * Math.PI * u, Math.PI * v)));
   return {
     type: "surface",
-    name: "Moon, to scale",
+    name: `${name}, to scale`,
     x: grid((u, v) => Math.cos(u) * Math.sin(v)),
     y: grid((u, v) => Math.sin(u) * Math.sin(v)),
     z: grid((_, v) => Math.cos(v)),
     colorscale: [[0, colour("moon")], [1, colour("moon")]],
     showscale: false,
-    hovertemplate: "Moon<extra></extra>",
+    hovertemplate: `${name}<extra></extra>`,
   };
 }
 

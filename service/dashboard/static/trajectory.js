@@ -1,12 +1,12 @@
 /** A solution in space: all arcs in one of three frames, and markers that move with time. */
 
 import { Figure, plotly, sampled } from "./figures.js";
-import { distance, FRAMES, LIT, lookOf, nameOf, NOWHERE, placeAt, pointsOf, spacecraftAt } from "./flight.js";
+import { distance, framesOf, LIT, lookOf, nameOf, NOWHERE, placeAt, pointsOf, spacecraftAt } from "./flight.js";
 import { number } from "./format.js";
 import { bodies, columns, line, proportions, sceneLayout } from "./scene.js";
 import { colour } from "./theme.js";
 
-/** @import { Flight, Frame, Point, Trajectory } from "./flight.js" */
+/** @import { Flight, Frame, Point, Trajectory, World } from "./flight.js" */
 
 export class TrajectoryFigure {
   /** @param {HTMLElement} place */
@@ -33,11 +33,11 @@ export class TrajectoryFigure {
     const traces = [
       ...bodies(flight, frame),
       line("Target orbit", pointsOf(flight.target, frame), { color: colour("target"), width: 4 }),
-      ...flight.trajectories.flatMap((trajectory, index) => (hidden.has(index) ? [] : arcTraces(trajectory, index, frame))),
+      ...flight.trajectories.flatMap((trajectory, index) => (hidden.has(index) ? [] : arcTraces(trajectory, index, frame, flight.world))),
       ...this.moving(day),
     ];
     const n = flight.trajectories.reduce((sum, { days }) => sum + days.length, 0);
-    const note = FRAMES.find(({ id }) => id === frame)?.note ?? "";
+    const note = framesOf(flight.world).find(({ id }) => id === frame)?.note ?? "";
     const layout = sceneLayout(frame, proportions(traces), this.plot.clientWidth);
     await this.figure.show(traces, layout, `${note} ${sampled(n, flight.n_samples, "samples")}`);
     this.plot.dataset.frame = frame;
@@ -50,16 +50,17 @@ export class TrajectoryFigure {
   moving(day) {
     const places = this.places(day);
     const shown = this.shown();
+    const { main } = /** @type {Flight} */ (this.flight).world;
     const moon = {
       type: "scatter3d",
       mode: "markers+text",
-      name: "Moon",
+      name: main,
       ...columns([places.moon]),
-      text: ["Moon"],
+      text: [main],
       textposition: "top center",
       textfont: { color: colour("muted"), size: 12 },
       marker: { color: colour("moon"), size: this.frame === "moon" ? 0.1 : 7 },
-      hovertemplate: "Moon<extra></extra>",
+      hovertemplate: `${main}<extra></extra>`,
     };
     const craft = {
       type: "scatter3d",
@@ -114,15 +115,16 @@ export class TrajectoryFigure {
  * @param {Trajectory} trajectory
  * @param {number} index
  * @param {Frame} frame
+ * @param {World} world
  */
-function arcTraces(trajectory, index, frame) {
+function arcTraces(trajectory, index, frame, { center, main }) {
   const name = nameOf(index);
   const points = pointsOf(trajectory, frame);
   const labels = trajectory.days.map(
     (day, i) =>
       `${name}, ${number(day, 2, "d")}<br>${number(trajectory.mass_kg[i], 1, "kg")}, ` +
-      `${number(trajectory.speed_km_s[i], 3, "km/s")}<br>Earth ${number(distance(trajectory.inertial_km[i]), 0, "km")}, ` +
-      `Moon ${number(distance(trajectory.inertial_km[i], trajectory.moon_km[i]), 0, "km")}`,
+      `${number(trajectory.speed_km_s[i], 3, "km/s")}<br>${center} ${number(distance(trajectory.inertial_km[i]), 0, "km")}, ` +
+      `${main} ${number(distance(trajectory.inertial_km[i], trajectory.moon_km[i]), 0, "km")}`,
   );
   const { color, dash } = lookOf(index);
   const styles = {
