@@ -30,10 +30,33 @@ class ProblemItem(Answer):
     n_segments: int
 
 
+class ToleranceView(Answer):
+    """Largest norms of the defects of a trajectory that counts as closed."""
+
+    position_km: float
+    velocity_km_s: float
+    mass_kg: float
+
+
+class WorldView(Answer):
+    """What a problem flies in, by the names that people read."""
+
+    center: str
+    #: Those that pull besides.
+    bodies: list[str]
+    #: Units of the numerics.
+    length_km: float
+    time_days: float
+    mass_kg: float
+    strict: ToleranceView
+    loose: ToleranceView
+
+
 class ProblemView(ProblemItem):
     """A problem with every field written out."""
 
     definition: dict[str, Any]
+    world: WorldView
 
 
 class ProblemPage(Answer):

@@ -133,20 +133,11 @@ class SeedPage(Answer):
     is_cut: bool
 
 
-class TolerancesView(Answer):
-    """Largest norms of defects at the two tolerances: position [km], velocity [km/s], mass [kg]."""
-
-    strict: tuple[float, float, float]
-    loose: tuple[float, float, float]
-
-
 class RecordInFull(RecordWithVector):
     """A record, its decision vector, and whether it was certified."""
 
     #: Hash of the certificate that was found last, null where there is none.
     certificate_hash: str | None
-    #: Bounds of the defects of the problem's world.
-    tolerances: TolerancesView
 
 
 class PointsView(Answer):

@@ -1,17 +1,26 @@
 """Problems, jobs, attempts and the queue, as lists."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from typing import Any
 
 from sqlalchemy import ColumnElement, Select, func, literal, literal_column, select, true, union_all
 from sqlalchemy.orm import Session, aliased
 
+from core.world import World, world_from
 from service.db.dialect import is_drawn
 from service.db.engine import Database
 from service.db.tables import JOB_STATES, AttemptRow, CampaignRow, JobRow, ProblemRow, SearchRow
 from service.scheduler import LeaseSettings
 from service.schemas.job import AttemptPage, AttemptsOfJob, JobPage, JobView, QueueView
-from service.schemas.problem import OutageView, ProblemItem, ProblemPage, ProblemView
+from service.schemas.problem import (
+    OutageView,
+    ProblemItem,
+    ProblemPage,
+    ProblemView,
+    ToleranceView,
+    WorldView,
+)
 from service.schemas.search import HopsView, SearchDetail
 from service.store import searches
 from service.store.errors import StoreError, UnknownRowError
@@ -34,7 +43,20 @@ def get_problem(session: Session, problem_hash: str) -> ProblemView:
     row = session.get(ProblemRow, problem_hash)
     if row is None:
         raise UnknownRowError("problem", problem_hash)
-    return ProblemView(**_item(row).model_dump(), definition=row.definition)
+    world = _world(world_from(row.definition))
+    return ProblemView(**_item(row).model_dump(), definition=row.definition, world=world)
+
+
+def _world(world: World) -> WorldView:
+    return WorldView(
+        center=world.center.title,
+        bodies=[body.title for body in world.bodies],
+        length_km=world.units.lu_km,
+        time_days=world.units.tu_days,
+        mass_kg=world.units.mu_kg,
+        strict=ToleranceView(**asdict(world.strict)),
+        loose=ToleranceView(**asdict(world.loose)),
+    )
 
 
 def _item(row: ProblemRow) -> ProblemItem:

@@ -1,6 +1,5 @@
 """Solutions as records, their certificates, and the missed-thrust analyses that were made of them."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, NamedTuple
@@ -10,7 +9,6 @@ from sqlalchemy.orm import Session
 
 from core.analysis.campaign_facts import CampaignFacts
 from core.problem import Problem, problem_from
-from core.world import world_from
 from service.db.engine import Database
 from service.db.tables import (
     AttemptRow,
@@ -35,11 +33,10 @@ from service.schemas.solution import (
     RecordInFull,
     RecordPage,
     RecordWithVector,
-    TolerancesView,
 )
 from service.spec.missed_thrust import analysis_name
 from service.spec.search_spec import SearchSpec
-from service.store.cache import definition_of, spec_of
+from service.store.cache import spec_of
 from service.store.errors import StoreError, UnknownRowError
 from service.store.filters import Begin, Order, Wanted, ids_of_page
 from service.store.statistics import campaign_facts
@@ -189,17 +186,7 @@ def get_record(session: Session, solution_id: str) -> RecordInFull:
         raise UnknownRowError("solution", solution_id)
     certificate = latest_row(session, solution_id)
     return RecordInFull(
-        **_with_vector(found[0]).model_dump(),
-        certificate_hash=certificate.hash if certificate else None,
-        tolerances=_tolerances(definition_of(session, found[0].solution.problem_hash)),
-    )
-
-
-def _tolerances(definition: Mapping[str, Any]) -> TolerancesView:
-    world = world_from(definition)
-    return TolerancesView(
-        strict=(world.strict.position_km, world.strict.velocity_km_s, world.strict.mass_kg),
-        loose=(world.loose.position_km, world.loose.velocity_km_s, world.loose.mass_kg),
+        **_with_vector(found[0]).model_dump(), certificate_hash=certificate.hash if certificate else None
     )
 
 

@@ -147,7 +147,7 @@ def _plain(model):
 def _without_clock(content):
     if isinstance(content, dict):
         # Seconds until now, and fields younger than version 0.1.
-        gone = {"eta_seconds", "elapsed_seconds", "strict_ratio", "tolerances"}
+        gone = {"eta_seconds", "elapsed_seconds", "strict_ratio"}
         return {key: _without_clock(one) for key, one in content.items() if key not in gone}
     if isinstance(content, list):
         return [_without_clock(one) for one in content]

@@ -6,7 +6,8 @@ import { nameOf } from "./flight.js";
 import { small } from "./format.js";
 import { colour } from "./theme.js";
 
-/** @import { RecordInFull } from "../types" */
+/** @import { RecordInFull, WorldView } from "../types" */
+/** @typedef {{ strict: number[], loose: number[] }} Bounds */
 
 const PARTS = ["position", "velocity", "mass"];
 const UNITS = ["km", "km/s", "kg"];
@@ -19,9 +20,10 @@ const ROW_PX = 17;
 /**
  * @param {HTMLElement} place
  * @param {RecordInFull} judged
+ * @param {WorldView} world
  */
-export function showDefectTable(place, judged) {
-  const { strict, loose } = judged.tolerances;
+export function showDefectTable(place, judged, world) {
+  const { strict, loose } = boundsOf(world);
   const rows = judged.defects_verified.flatMap((_, i) => {
     const [solved, verified] = [norms(judged.defects_solved[i]), norms(judged.defects_verified[i])];
     return PARTS.map((part, j) =>
@@ -48,20 +50,34 @@ export class DefectFigure {
     this.figure = new SvgFigure(place, "Defects against tolerances");
   }
 
-  /** @param {RecordInFull} judged */
-  show(judged) {
+  /**
+   * @param {RecordInFull} judged
+   * @param {WorldView} world
+   */
+  show(judged, world) {
     this.figure.show(
-      (width) => drawing(judged, width),
+      (width) => drawing(judged, boundsOf(world), width),
       "Verified (●) and solved (○), as multiples of the strict tolerance; the upright mark is the loose tolerance.",
     );
   }
 }
 
 /**
+ * Return the tolerances as norms of position, velocity and mass, in the order of `PARTS`.
+ * @param {WorldView} world
+ * @returns {Bounds}
+ */
+function boundsOf({ strict, loose }) {
+  const [first, second] = [strict, loose].map(({ position_km, velocity_km_s, mass_kg }) => [position_km, velocity_km_s, mass_kg]);
+  return { strict: first, loose: second };
+}
+
+/**
  * @param {RecordInFull} judged
+ * @param {Bounds} bounds
  * @param {number} width
  */
-function drawing(judged, width) {
+function drawing(judged, bounds, width) {
   const left = width < 420 ? 104 : 150;
   const x = (/** @type {number} */ ratio) => left + ((power(ratio) - LEAST) / (MOST - LEAST)) * (width - left - 26);
   const n = judged.defects_verified.length;
@@ -73,20 +89,20 @@ function drawing(judged, width) {
     content.push(svg("text", { x: at, y: height - 8, "text-anchor": "middle", fill: colour("muted"), "font-size": 11 }, exponent === 0 ? "1" : small(10 ** exponent)));
   }
   content.push(svg("line", { x1: x(1), x2: x(1), y1: 6, y2: height - 24, stroke: colour("good"), "stroke-width": 2 }));
-  for (let i = 0; i < n; i += 1) content.push(...rows(judged, i, left, x, width < 420));
+  for (let i = 0; i < n; i += 1) content.push(...rows(judged, bounds, i, left, x, width < 420));
   return { height, content };
 }
 
 /**
  * @param {RecordInFull} judged
+ * @param {Bounds} bounds
  * @param {number} i
  * @param {number} left
  * @param {(ratio: number) => number} x
  * @param {boolean} isNarrow
  */
-function rows(judged, i, left, x, isNarrow) {
+function rows(judged, { strict, loose }, i, left, x, isNarrow) {
   const [solved, verified] = [norms(judged.defects_solved[i]), norms(judged.defects_verified[i])];
-  const { strict, loose } = judged.tolerances;
   const name = isNarrow ? (i === 0 ? "ref." : `real. ${i}`) : nameOf(i);
   return PARTS.flatMap((part, j) => {
     const y = 20 + i * (3 * ROW_PX + 8) + j * ROW_PX;

@@ -3,7 +3,6 @@ import signal
 import sqlite3
 
 import pytest
-from workers.process_pool import ProcessPool
 
 from core.problem import problem_from
 from service import scheduler
@@ -14,6 +13,7 @@ from service.validation import solution_hash
 from tests.service.campaigns import OUTAGE, content, finish, spec_fields, submitted
 from tests.service.clock import Clock
 from tests.workers.fake import PROVENANCE, run_fake
+from workers.executor import ProcessPool
 from workers.messages import Ending, JobOutcome, MapJob, StaleAttemptError, Ticket
 
 

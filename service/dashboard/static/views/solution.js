@@ -13,7 +13,7 @@ import { facts, Page, pathPart, showEmpty, showFacts, showTitle } from "../page.
 
 /**
  * @import { Child } from "../dom.js"
- * @import { CertificateDocument, EventView, LineageGraph, MissedThrustPage, RecordInFull } from "../../types"
+ * @import { CertificateDocument, EventView, LineageGraph, MissedThrustPage, ProblemView, RecordInFull, WorldView } from "../../types"
  */
 
 /** How long a button confirms that it has copied [ms]. */
@@ -99,10 +99,14 @@ async function refresh(events, isAll) {
     /** @type {RecordInFull | null} */
     const found = await find(`/solutions/${id}`);
     if (!found) return showEmpty(...unknown());
-    /** @type {[LineageGraph, MissedThrustPage]} */
-    const [known, analyses] = await Promise.all([get(`/solutions/${id}/lineage`), get(`/solutions/${id}/missed-thrust`)]);
+    /** @type {[ProblemView, LineageGraph, MissedThrustPage]} */
+    const [problem, known, analyses] = await Promise.all([
+      get(`/problems/${found.problem_hash}`),
+      get(`/solutions/${id}/lineage`),
+      get(`/solutions/${id}/missed-thrust`),
+    ]);
     record = found;
-    showRecord();
+    showRecord(problem.world);
     lineage.show(known);
     showReproduction(byId("reproduction"), record, known.command);
     /** @type {CertificateDocument | null} */
@@ -124,7 +128,8 @@ function unknown() {
   ];
 }
 
-function showRecord() {
+/** @param {WorldView} world */
+function showRecord(world) {
   const { strategy } = record;
   showTitle(`${strategy}, ${outages(record.outages)}`, [["Archive", "/archive"], [`Campaign ${record.campaign_id}`, `/campaigns/${record.campaign_id}`]]);
   fill(byId("verdict"), ...verdict());
@@ -140,8 +145,8 @@ function showRecord() {
     ["Arrival", epoch(record.arrival_epoch)],
   ]);
   fill(byId("origin"), facts(origin()));
-  showDefectTable(byId("defect-table"), record);
-  defects.show(record);
+  showDefectTable(byId("defect-table"), record, world);
+  defects.show(record, world);
   showDownloads(byId("downloads"), record);
 }
 
