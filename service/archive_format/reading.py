@@ -1,9 +1,9 @@
 """Reads and checks a portable file line by line to its end, before anything is stored.
 
 It is read again when it is stored: some lines at a time are in memory, never a whole entry.  Kernels of
-targets travel under the digest of their content: a specification names a file of one machine; in a portable
-file it names an entry, and after an import a file in the data folder.  The hash of a problem depends on the
-content alone.
+targets and of worlds travel under the digest of their content: a specification names a file of one machine;
+in a portable file it names an entry, and after an import a file in the data folder.  The hash of a problem
+depends on the content alone.
 """
 
 import copy
@@ -43,45 +43,59 @@ from service.spec import Spec, SpecError, spec_from
 _ENTRY = re.compile(r"targets/([0-9a-f]{32})\.bsp")
 
 
-def target_entries(specs: list[Spec]) -> dict[str, Path]:
-    """Return the files of the targets of specifications by their names in a portable file."""
-    targets = [spec.problem.target for spec in specs]
-    travelling = [one for one in targets if isinstance(one, SpkTarget) and one.path.name != PLANETS]
-    return {entry_of(target): target.path for target in travelling}
+#: The tables of a problem that name a file of this machine, and the field with its path.
+_FILES = (("target", "path"), ("world", "kernel"))
 
 
-def entry_of(target: SpkTarget) -> str:
-    """Return the name of a target's kernel in a portable file; planets are at hand everywhere."""
-    if target.path.name == PLANETS:
+def kernel_entries(specs: list[Spec]) -> dict[str, Path]:
+    """Return the kernels of targets and worlds of specifications by their names in a portable file."""
+    kernels = [path for spec in specs for path in _kernels_of(spec.problem) if path.name != PLANETS]
+    return {entry_of(path): path for path in kernels}
+
+
+def _kernels_of(problem: Problem) -> list[Path]:
+    of_target = problem.target.path if isinstance(problem.target, SpkTarget) else None
+    of_world = problem.world.kernel if problem.world is not None else None
+    return [path for path in (of_target, of_world) if path is not None]
+
+
+def entry_of(path: Path) -> str:
+    """Return the name of a kernel in a portable file; planets are at hand everywhere."""
+    if path.name == PLANETS:
         return PLANETS
-    return f"targets/{hashlib.blake2b(_content(target.path), digest_size=16).hexdigest()}.bsp"
+    return f"targets/{hashlib.blake2b(_content(path), digest_size=16).hexdigest()}.bsp"
 
 
 def portable_fields(spec: Spec) -> dict[str, Any]:
     """Return a specification as plain data that names no file of this machine."""
-    fields, target = spec.as_fields(), spec.problem.target
-    if spec.problem.world is not None and spec.problem.world.kernel is not None:
-        raise PortableError("world: expected bodies of DE440, got a kernel, which no portable file carries")
-    if isinstance(target, SpkTarget):
-        fields["problem"]["target"]["path"] = entry_of(target)
+    fields = spec.as_fields()
+    for table, key in _FILES:
+        if (path := _named(fields, table, key)) is not None:
+            fields["problem"][table][key] = entry_of(Path(path))
     return fields
 
 
 def local_fields(fields: dict[str, Any], folder: Path, entries: list[str]) -> dict[str, Any]:
-    """Return the same with the file in a data folder, which nobody else gets to name."""
-    problem = fields.get("problem")
-    target = problem.get("target") if isinstance(problem, dict) else None
-    if not isinstance(target, dict) or (target.get("kind") != "spk" and "path" not in target):
-        return fields
-    if target.get("path") == PLANETS:
-        return fields
-    if target.get("path") not in entries:
-        raise PortableError(
-            f"target: expected a kernel in the same file, got {str(target.get('path'))[:40]!r}"
-        )
+    """Return the same with the files in a data folder, which nobody else gets to name."""
     changed = copy.deepcopy(fields)
-    changed["problem"]["target"]["path"] = str(_place(folder, target["path"]))
+    for table, key in _FILES:
+        path = _named(fields, table, key)
+        if path is None or path == PLANETS:
+            continue
+        if path not in entries:
+            raise PortableError(f"{table}: expected a kernel in the same file, got {str(path)[:40]!r}")
+        changed["problem"][table][key] = str(_place(folder, path))
     return changed
+
+
+def _named(fields: dict[str, Any], table: str, key: str) -> Any:
+    """Return the path that a table of a problem names, if any."""
+    problem = fields.get("problem")
+    part = problem.get(table) if isinstance(problem, dict) else None
+    if not isinstance(part, dict):
+        return None
+    # A target of this kind without a path is refused as one with a strange path is.
+    return part.get(key, "" if part.get("kind") == "spk" else None)
 
 
 def unpack_targets(unpacked: Unpacked, folder: Path) -> Iterator[Path]:

@@ -26,7 +26,7 @@ from service.archive_format.lines import (
     SolveLine,
     SourceLine,
 )
-from service.archive_format.reading import ReadCampaign, ReadFile, portable_fields, target_entries
+from service.archive_format.reading import ReadCampaign, ReadFile, kernel_entries, portable_fields
 from service.db.dialect import INSERTS, fill_tallies_of, plain
 from service.db.tables import (
     AttemptRow,
@@ -111,7 +111,7 @@ def entries(session: Session, campaigns: Sequence[CampaignRow]) -> Iterator[Entr
     yield "solutions.ndjson", _encode(_solution_lines(session, searches))
     if (first := next(certificates := _certificate_lines(session, searches), None)) is not None:
         yield CERTIFICATES, _encode(chain([first], certificates))
-    for name, path in sorted(target_entries([spec_of(campaign) for campaign in campaigns]).items()):
+    for name, path in sorted(kernel_entries([spec_of(campaign) for campaign in campaigns]).items()):
         yield name, [path.read_bytes()]
 
 

@@ -6,6 +6,7 @@ import zipfile
 
 import pytest
 
+from core.problem import load_problem
 from service.archive_format.container import PortableError, Unpacked
 from service.archive_format.lines import CampaignLine, ProvenanceLine, SearchLine
 from service.db.engine import place_of
@@ -223,19 +224,47 @@ def test_the_kernel_of_a_target_travels_with_its_campaign(store, tmp_path):
     assert str(tmp_path).encode() not in file.read_bytes()
 
 
-def test_a_file_of_this_machine_is_not_read_for_somebody_elses_campaign(store, tmp_path):
-    kernel = tmp_path / "mine.bsp"
-    kernel.write_bytes(b"orbit")
-    fields = spec_fields(campaign={"name": "own target", "rng_seed": 3})
-    fields["problem"] |= {"target": {"kind": "spk", "path": str(kernel), "naif_id": -7}}
-    store.submit(spec_from(fields, allow_files=True))
+def with_a_world_of_its_own(folder):
+    """Return the fields of a campaign whose world and whose target have kernels."""
+    (folder / "moon.bsp").write_bytes(b"moon" * 1000)
+    (folder / "mine.bsp").write_bytes(b"orbit" * 1000)
+    fields = spec_fields(campaign={"name": "own world", "rng_seed": 3})
+    departure = load_problem("ppe-drm3").departure.model_dump(mode="json")
+    return fields | {
+        "problem": fields["problem"]
+        | {"world": {"bodies": ["MOON"], "kernel": str(folder / "moon.bsp")}, "departure": departure}
+        | {"target": {"kind": "spk", "path": str(folder / "mine.bsp"), "naif_id": -7}}
+    }
+
+
+def test_the_kernel_of_a_world_travels_with_its_campaign(store, tmp_path):
+    spec = spec_from(with_a_world_of_its_own(tmp_path), allow_files=True)
+    store.submit(spec)
+    finish(store, Inline(run_in_vain))
+    file = written(store, 1, tmp_path / "own.zip")
+    with elsewhere(tmp_path) as other:
+        import_file(other, file)
+        (stored,) = rows(other, "SELECT spec FROM campaign")
+        fields = json.loads(stored[0])
+        digest = hashlib.blake2b(b"moon" * 1000, digest_size=16).hexdigest()
+        kernel = tmp_path / "elsewhere" / "targets" / f"{digest}.bsp"
+        assert fields["problem"]["world"]["kernel"] == str(kernel)
+        assert kernel.read_bytes() == b"moon" * 1000
+        assert spec_from(fields, allow_files=True).hash == spec.hash
+        assert written(other, 1, tmp_path / "again.zip").read_bytes() == file.read_bytes()
+    assert str(tmp_path).encode() not in file.read_bytes()
+
+
+@pytest.mark.parametrize(("table", "key"), [("target", "path"), ("world", "kernel")])
+def test_a_file_of_this_machine_is_not_read_for_somebody_elses_campaign(store, tmp_path, table, key):
+    store.submit(spec_from(with_a_world_of_its_own(tmp_path), allow_files=True))
     finish(store, Inline(run_in_vain))
     file = written(store, 1, tmp_path / "own.zip")
 
     def change(lines):
-        lines[0]["spec"]["problem"]["target"]["path"] = "/etc/passwd"
+        lines[0]["spec"]["problem"][table][key] = "/etc/passwd"
 
     with elsewhere(tmp_path) as other:
-        with pytest.raises(PortableError, match="expected a kernel in the same file, got '/etc/passwd'"):
+        with pytest.raises(PortableError, match=f"^{table}: expected a kernel in the same file, got '/etc"):
             import_file(other, forged(file, tmp_path / "forged.zip", change, CAMPAIGN))
         assert not list((tmp_path / "elsewhere").glob("targets/*"))
