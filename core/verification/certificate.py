@@ -149,6 +149,7 @@ def certify(
         verification = verification_of(problem, plans, kernel, naif_id)
         through = [Closest(pilot) for _ in plans]
         flown_through = propagate_end_to_end(pilot, problem, plans, naif_id, through)
+        third = _cross_check(problem, plans, naif_id, verification) if with_heyoka else None
     trajectories = tuple(
         Repropagation(
             outage=problem.outages[i - 1] if i else None,
@@ -165,15 +166,11 @@ def certify(
         min_altitudes_km=limits,
         marks=_low_passages(trajectories, limits),
         lacks=_mass_shortfalls(problem, trajectories),
-        third=_cross_check(problem, plans, naif_id, verification) if with_heyoka else None,
+        third=third,
     )
 
 
 def _cross_check(problem: Problem, plans: list[Plan], naif_id: int, found: Verification) -> CrossCheck:
-    if world_of(problem).kernel is not None:
-        raise ValueError(
-            "heyoka: expected bodies of DE440, whose records it reads, got a world with a kernel"
-        )
     # heyoka is an optional dependency.
     from core.verification.heyoka_check import cross_check
 

@@ -1,11 +1,11 @@
-"""Cross-check of the end-to-end propagation by heyoka's Taylor series, on the Chebyshev records of DE440.
+"""Cross-check of the end-to-end propagation by heyoka's Taylor series, on the Chebyshev records of a kernel.
 
 The equations of motion are written independently, as expressions that heyoka differentiates, with the
 coefficients of the records as parameters: within a record the bodies are polynomials of time, and no
-ephemeris is evaluated.  SPICE only reads the words of the file, and nothing comes from
-`core.ephemeris.tables`.  x and the target are read as in `core.verification.repropagation`.  Bodies are
-points here: a passage through one is not detected.  Frame: J2000 axes.  Units: km, km/s, kg, s past the
-departure epoch; TDB s past J2000 in the file.
+ephemeris is evaluated.  The kernel is DE440, or that of a world.  SPICE only reads the words of the file,
+and nothing comes from `core.ephemeris.tables`.  x and the target are read as in
+`core.verification.repropagation`.  Bodies are points here: a passage through one is not detected.
+Frame: J2000 axes.  Units: km, km/s, kg, s past the departure epoch; TDB s past J2000 in the file.
 """
 
 import functools
@@ -18,12 +18,15 @@ import heyoka
 import numpy as np
 import spiceypy
 
-from core.ephemeris.kernels import check_kernels, planetary_kernel
+from core.ephemeris.daf import SpkError, segments_of
+from core.ephemeris.kernels import check_kernels, planetary_kernel, spice_name
 from core.problem import Problem
 from core.verification.end_to_end import CrossCheck, propagate_end_to_end
 from core.verification.repropagation import Array, Pilot, Plan, UnflyableError, departure_of, pilot_of
-from core.world import Body, World, world_of
+from core.world import EARTH, Body, World, world_of
 
+#: Frame and type of the segments that are read.
+_J2000_CHEBYSHEV = (1, 2)
 #: Target and centre of a run of records.
 Link = tuple[int, int]
 
@@ -52,27 +55,54 @@ class Run(NamedTuple):
 
     def record_at(self, et: float) -> Record:
         """Return the record that holds from et on; at a boundary, the one that begins there."""
-        middle, radius, *axes = self.words[int((et - self.start_et) // self.length)].tolist()
+        place = min(max(int((et - self.start_et) // self.length), 0), len(self.words) - 1)
+        middle, radius, *axes = self.words[place].tolist()
         return Record(middle, radius, np.array(axes).reshape(3, -1).T)
 
 
-def chain_of(body: Body) -> tuple[Link, ...]:
-    """Return the runs that lead from the barycentre of the solar system to a body, the last one first.
+#: What each body is about in DE440, by their numbers.
+_CENTRES = {**dict.fromkeys(range(1, 11), 0), 199: 1, 299: 2, 301: 3, 399: 3}
 
-    In DE440 Earth, Moon, Mercury and Venus are about the barycentre of their planet, and what else there is
-    about that of the solar system.
-    """
+
+def _centres_of(world: World) -> Mapping[int, int]:
+    """Return what each body is about in the kernel of a world."""
+    if world.kernel is None:
+        return _CENTRES
+    segments = segments_of(world.kernel, "world.kernel")
+    centres = {segment.body: segment.centre for segment in segments}
+    if len(centres) < len(segments) or any(one[4:6] != _J2000_CHEBYSHEV for one in segments):
+        kinds = ", ".join(sorted({f"type {one.kind} in frame {one.frame}" for one in segments}))
+        raise SpkError(
+            f"world.kernel {world.kernel}: expected Chebyshev records (SPK type 2) in J2000, one segment for "
+            f"each body, which heyoka's flight reads, got {len(segments)} segments of {kinds}; verify "
+            f"without heyoka, or write the kernel so"
+        )
+    return centres
+
+
+def _chain_of(body: Body, centres: Mapping[int, int]) -> tuple[Link, ...]:
+    """Return the runs that lead to a body from what nothing else is about, the last one first."""
+    chain: list[Link] = []
     number = body.naif_id
-    return ((number, 0),) if number < 100 else ((number, number // 100), (number // 100, 0))
+    while number in centres and len(chain) < len(centres):
+        chain.append((number, centres[number]))
+        number = centres[number]
+    return tuple(chain)
+
+
+def _chains_of(world: World) -> dict[Body, tuple[Link, ...]]:
+    centres = _centres_of(world) if world.bodies else {}
+    return {body: _chain_of(body, centres) for body in (world.center, *world.bodies)}
 
 
 def links_of(world: World) -> tuple[Link, ...]:
     """Return the runs that the places of a world's bodies relative to its centre are made of."""
-    chains = (chain_of(body) for body in (world.center, *world.bodies))
-    return tuple(dict.fromkeys(link for chain in chains for link in chain)) if world.bodies else ()
+    return tuple(dict.fromkeys(link for chain in _chains_of(world).values() for link in chain))
 
 
-def read_runs(links: tuple[Link, ...], start_et: float, stop_et: float) -> tuple[Run, ...]:
+def read_runs(
+    links: tuple[Link, ...], start_et: float, stop_et: float, world: World = EARTH
+) -> tuple[Run, ...]:
     """Return the records of each link that touch a span.
 
     Parameters
@@ -81,9 +111,11 @@ def read_runs(links: tuple[Link, ...], start_et: float, stop_et: float) -> tuple
         From `links_of`.
     start_et, stop_et : float
         The span [TDB s past J2000].
+    world : World
+        Says in which kernel they are.
     """
     check_kernels()
-    with _open_daf(str(planetary_kernel())) as handle:
+    with _open_daf(spice_name(world.kernel or planetary_kernel())) as handle:
         placed = {(target, centre): (first, last) for target, centre, first, last in _segments(handle)}
         return tuple(_run(handle, *placed[link], start_et, stop_et) for link in links)
 
@@ -109,7 +141,8 @@ def _segments(handle: int) -> Iterator[tuple[int, int, int, int]]:
 def _run(handle: int, first: int, last: int, start_et: float, stop_et: float) -> Run:
     # SPK type 2 ends with the beginning and the length of its records, their width, and their number.
     begin, length, width, n_records = spiceypy.dafgda(handle, last - 3, last)
-    low, high = (min(int((et - begin) // length), int(n_records) - 1) for et in (start_et, stop_et))
+    last_record = int(n_records) - 1
+    low, high = (min(max(int((et - begin) // length), 0), last_record) for et in (start_et, stop_et))
     words = spiceypy.dafgda(handle, first + low * int(width), first + (high + 1) * int(width) - 1)
     return Run(float(begin + low * length), float(length), np.array(words).reshape(high + 1 - low, -1))
 
@@ -117,6 +150,8 @@ def _run(handle: int, first: int, last: int, start_et: float, stop_et: float) ->
 INTEGRATOR = "heyoka.taylor_adaptive"
 #: Bound on the remainder of a series, relative to the largest component of the state: the last bit.
 TOLERANCE = 2.0**-52
+#: Least length of a piece [s]: more than the spacing of epochs, in which no body moves by a millimetre.
+_LEAST_PIECE_S = 1e-6
 #: Limit of steps per arc, exceeded only in close orbits about a body; usual are 10.
 MAX_STEPS = 20_000
 
@@ -124,7 +159,7 @@ MAX_STEPS = 20_000
 def cross_check(problem: Problem, plans: list[Plan], naif_id: int, stop_et: float) -> CrossCheck:
     """Propagate every trajectory end to end; `stop_et` is past the last arrival [TDB s past J2000]."""
     world = world_of(problem)
-    runs = read_runs(links_of(world), departure_of(problem)[0], stop_et)
+    runs = read_runs(links_of(world), departure_of(problem)[0], stop_et, world)
     pilot = TaylorPilot(pilot_of(problem), runs, world)
     flights = propagate_end_to_end(pilot, problem, plans, naif_id, [None] * len(plans))
     return CrossCheck(INTEGRATOR, heyoka.__version__, TOLERANCE, pilot.n_evaluations, tuple(flights))
@@ -148,6 +183,8 @@ class TaylorPilot(Pilot):
             # Epochs of one magnitude: their differences are exact, so that no record is entered too early.
             middles = [record.middle - self.origin_et for record in records]
             end = min(stop, *(middle + one.radius for middle, one in zip(middles, records, strict=True)))
+            # Where a record ends at no epoch of SPICE, rounding may enter it again.
+            end = max(end, min(stop, time + _LEAST_PIECE_S))
             values = [float(state[6]) - flow * (time - start), flow, *force]
             for middle, record in zip(middles, records, strict=True):
                 values += [(time - middle) / record.radius, 1.0 / record.radius]
@@ -175,7 +212,9 @@ def _integrator(world: World, n_coefficients: tuple[int, ...]) -> Any:
     parameters = (heyoka.par[index] for index in count())
     mass_at_start, flow, *force = (next(parameters) for _ in range(5))
     links = dict(zip(links_of(world), (_position(parameters, n) for n in n_coefficients), strict=True))
-    bodies = [(body.gm_km3_s2, _from_center(world.center, body, links)) for body in world.bodies]
+    chains = _chains_of(world)
+    ours = chains[world.center]
+    bodies = [(body.gm_km3_s2, _from_center(ours, chains[body], links)) for body in world.bodies]
     mass = mass_at_start - flow * heyoka.time
     terms = [
         [component / mass, pull]
@@ -202,11 +241,12 @@ def _position(parameters: Iterator[Any], n_coefficients: int) -> list[Any]:
     return [heyoka.sum(list(axis)) for axis in zip(*rows, strict=True)]
 
 
-def _from_center(center: Body, body: Body, links: Mapping[Link, list[Any]]) -> list[Any]:
-    """Return the place of a body relative to the centre; what both are about cancels."""
+def _from_center(
+    center: tuple[Link, ...], body: tuple[Link, ...], links: Mapping[Link, list[Any]]
+) -> list[Any]:
+    """Return the place of a body relative to the centre by their chains; what both are about cancels."""
     ours, theirs = (
-        [link for link in chain_of(one) if link not in chain_of(other)]
-        for one, other in ((center, body), (body, center))
+        [link for link in one if link not in other] for one, other in ((center, body), (body, center))
     )
     near, far = (_sum([links[link] for link in reversed(chain)]) for chain in (ours, theirs))
     return _difference(far, near)
