@@ -26,6 +26,7 @@ EXPECTED = {
     "int_parsing": "an integer",
     "int_from_float": "an integer",
     "string_type": "a text",
+    "string_pattern_mismatch": "a text of the form {pattern}",
     "path_type": "a path",
     "literal_error": "{expected}",
     "union_tag_invalid": "a table of kind {expected_tags}",

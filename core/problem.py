@@ -167,6 +167,11 @@ class NrhoTarget(_Strict):
     perilune_epoch: Epoch = "2026-04-30T00:00:00"
 
 
+def _at_hand(path: Path) -> Path:
+    """Return the kernel with the planets where a path names it and there is no other file."""
+    return Path(de440) if path.name == PLANETS and not path.is_file() else path
+
+
 class SpkTarget(_Strict):
     """Any body or spacecraft of an SPK kernel, about whatever centre SPICE can follow to DE440's bodies."""
 
@@ -185,8 +190,7 @@ class SpkTarget(_Strict):
         ValueError
             When the file cannot be read, or has another digest than the target.
         """
-        is_at_hand = self.path.name == PLANETS and not self.path.is_file()
-        path, digest = kernel_file(Path(de440) if is_at_hand else self.path, self.digest)
+        path, digest = kernel_file(_at_hand(self.path), self.digest)
         return self.model_copy(update={"path": path, "digest": digest})
 
     def digest_now(self) -> str:
@@ -292,13 +296,17 @@ class Problem(_Grown):
     @model_validator(mode="after")
     def _ends_in_world(self) -> Self:
         if self.world is not None:
+            alone = "which is made in the usual world of the Earth alone"
             if isinstance(self.target, NrhoTarget):
                 raise ValueError(
-                    "target: expected an object of a kernel, got an NRHO, which is made in the usual world "
-                    "of the Earth alone"
+                    f"target: expected an object of a kernel, got an NRHO, {alone}; "
+                    f"leave out world, or export the orbit and give its file"
                 )
             if isinstance(self.departure, SpiralDeparture):
-                raise ValueError("departure: expected a state, got a spiral, which is about the Earth alone")
+                raise ValueError(
+                    f"departure: expected a state, got a spiral, {alone}; "
+                    f"leave out world, or give its end as a state"
+                )
         return self
 
     @model_validator(mode="after")
@@ -550,9 +558,9 @@ def _with_files_read(problem: Problem) -> Problem:
     try:
         if isinstance(problem.target, SpkTarget):
             read["target"] = problem.target.with_file_read()
-        name = "world"
+        name = "world.kernel"
         if problem.world is not None and problem.world.kernel is not None:
-            kernel, digest = kernel_file(problem.world.kernel, problem.world.digest)
+            kernel, digest = kernel_file(_at_hand(problem.world.kernel), problem.world.digest)
             read["world"] = problem.world.model_copy(update={"kernel": kernel, "digest": digest})
     except ValueError as error:
         raise ProblemError(f"problem.{name}: {error}") from error

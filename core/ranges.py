@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from core.constants import RADIUS_EARTH_KM
-from core.world import World, world_of
+from core.world import BODIES, World, world_of
 
 if TYPE_CHECKING:
     from core.problem import Problem
@@ -17,13 +17,19 @@ if TYPE_CHECKING:
 #: Greatest distance from the centre [km]: from the Earth twice its sphere of influence, and less than its
 #: radius in metres; from the Sun as far as Neptune.
 FARTHEST_KM = {"EARTH": 3e6, "SUN": 5e9}
+#: Least distance from the Sun as the centre [km]: no probe has been nearer, but states about the Earth are.
+NEAREST_TO_SUN_KM = 5e6
+#: How many times more or less than that of DE440 a gravitational parameter may be; m^3/s^2 are a billion.
+MOST_TIMES_GM = 1000.0
 #: Greatest speed relative to the centre [km/s]: escape from the Earth's surface takes 11, the Earth flies
 #: about the Sun at 30, and at the surface of the Sun escape takes 618.
 FASTEST_KM_S = {"EARTH": 25.0, "SUN": 620.0}
 #: Latest arrival past the departure epoch [days], for which the target's orbit can be generated.
 LATEST_ARRIVAL_DAYS = 3000.0
-#: NAIF ids of the bodies of the Earth's force model and of the barycentres, none of which is a target there.
+#: NAIF ids of the bodies of the Earth's usual world and of the barycentres, none of which is a target there.
 BODIES_OF_MODEL = frozenset((*range(11), 301, 399, 599))
+
+_OTHER_CENTER = 'did you mean center = "SUN"?'
 
 #: Field, least and greatest value, unit, and the likely slip behind a value outside.
 RANGES: tuple[tuple[str, float, float, str, str], ...] = (
@@ -67,32 +73,24 @@ def _out_of_range(problem: "Problem") -> Iterator[str]:
 
 
 def _out_of_place(problem: "Problem") -> Iterator[str]:
-    departure, target, world = problem.departure, problem.target, world_of(problem)
-    if departure.kind == "state":
-        distance, speed = math.hypot(*departure.position_km), math.hypot(*departure.velocity_km_s)
-        center, farthest, fastest = (
-            world.center,
-            FARTHEST_KM[world.center.name],
-            FASTEST_KM_S[world.center.name],
-        )
-        is_near_earth = center.name == "EARTH"
-        if not center.radius_km <= distance <= farthest:
-            far = 'in metres, or did you mean center = "SUN"?' if is_near_earth else "in metres?"
-            near = "relative to the surface?" if is_near_earth else "in AU, or relative to the Earth?"
+    target, world = problem.target, world_of(problem)
+    slips = [*_off_center(problem, world)]
+    yield from slips
+    if slips and slips[-1].endswith(_OTHER_CENTER):
+        # What else is strange follows from it.
+        return
+    for body in (world.center, *world.bodies):
+        least, most = (BODIES[body.name].gm_km3_s2 * times for times in (1.0 / MOST_TIMES_GM, MOST_TIMES_GM))
+        if not least <= body.gm_km3_s2 <= most:
             yield (
-                f"departure.position_km: expected {center.radius_km:g} to {farthest:g} km from the "
-                f"{center.title}'s centre, got {distance:g}; {far if distance > farthest else near}"
+                f"world.gm_km3_s2: expected {least:.4g} to {most:.4g} km^3/s^2 for {body.name}, got "
+                f"{body.gm_km3_s2:g}; in m^3/s^2, or not in the order of the centre and then bodies?"
             )
-        if speed > fastest:
-            slip = "in m/s, or relative to the Sun?" if is_near_earth else "in m/s?"
-            yield (
-                f"departure.velocity_km_s: expected at most {fastest:g} km/s relative to the {center.title}, "
-                f"got {speed:g}; {slip}"
-            )
-    if target.kind == "spk" and target.naif_id in _pulling(world):
+    if target.kind == "spk" and target.naif_id in _pulling(problem, world):
         yield (
             f"target.naif_id: expected a spacecraft or a body that does not pull here, got {target.naif_id}, "
-            f"which is a body of the force model; another object, or one body less in world.bodies?"
+            f"which is a body of the force model or a part of one; another object, or one body less in "
+            f"world.bodies?"
         )
     if problem.latest_arrival_days > LATEST_ARRIVAL_DAYS:
         yield (
@@ -101,10 +99,37 @@ def _out_of_place(problem: "Problem") -> Iterator[str]:
         )
 
 
-def _pulling(world: World) -> frozenset[int]:
+def _off_center(problem: "Problem", world: World) -> Iterator[str]:
+    """Yield what a departure says that fits another centre or another unit."""
+    departure, center = problem.departure, world.center
+    if departure.kind != "state":
+        return
+    distance, speed = math.hypot(*departure.position_km), math.hypot(*departure.velocity_km_s)
+    is_near_earth = center.name == "EARTH"
+    nearest = center.radius_km if is_near_earth else NEAREST_TO_SUN_KM
+    farthest, fastest = FARTHEST_KM[center.name], FASTEST_KM_S[center.name]
+    if not nearest <= distance <= farthest:
+        far = f"in metres, or {_OTHER_CENTER}" if is_near_earth else "in metres?"
+        near = "relative to the surface?" if is_near_earth else 'in AU, or did you mean center = "EARTH"?'
+        yield (
+            f"departure.position_km: expected {nearest:g} to {farthest:g} km from the {center.title}'s "
+            f"centre, got {distance:g}; {far if distance > farthest else near}"
+        )
+        if is_near_earth and farthest < distance <= FARTHEST_KM["SUN"] and speed <= FASTEST_KM_S["SUN"]:
+            return
+    if speed > fastest:
+        slip = "in m/s, or relative to the Sun?" if is_near_earth else "in m/s?"
+        yield (
+            f"departure.velocity_km_s: expected at most {fastest:g} km/s relative to the {center.title}, "
+            f"got {speed:g}; {slip}"
+        )
+
+
+def _pulling(problem: "Problem", world: World) -> frozenset[int]:
     """Return the NAIF ids of what is no target since it pulls, or is a part of what does."""
-    if world.center.name == "EARTH":
+    if problem.world is None:
         return BODIES_OF_MODEL
     numbers = {body.naif_id for body in (world.center, *world.bodies)}
     planets = {100 * number + part for number in numbers if number < 10 for part in (1, 99)}
-    return frozenset(numbers | planets | {number // 100 for number in numbers if number > 100})
+    # The barycentre of the solar system is at the surface of the Sun.
+    return frozenset(numbers | planets | {number // 100 for number in numbers if number > 100} | {0, 10})

@@ -3,6 +3,7 @@
 Frame: axes J2000, origin at the centre.  Units of the constants: km, s, kg.
 """
 
+import difflib
 import functools
 import math
 from collections.abc import Mapping
@@ -71,6 +72,8 @@ BODIES = {
 }
 #: What pulls in each world unless it says otherwise, besides the centre.
 USUAL = {"EARTH": ("MOON", "SUN", "JUPITER BARYCENTER"), "SUN": ()}
+#: Bodies that stand for others together.
+_WHOLES = {"EARTH BARYCENTER": ("EARTH", "MOON"), "VENUS BARYCENTER": ("VENUS",)}
 #: Most bodies that pull besides the centre: those for which a row of the force model has room.
 MOST_BODIES = 3
 #: Astronomical unit [km].
@@ -135,8 +138,9 @@ class World:
     units: Units
     loose: Tolerance
     strict: Tolerance
-    #: Where the bodies are, if not where DE440 has them.
+    #: Where the bodies are, if not where DE440 has them, and the digest of its content.
     kernel: Path | None = None
+    digest: str | None = None
 
     @property
     def near(self) -> Body:
@@ -173,14 +177,33 @@ class WorldFields(BaseModel):
     def _known(self) -> Self:
         names = self.names
         if unknown := [name for name in names if name not in BODIES]:
-            raise ValueError(f"bodies: expected some of {', '.join(BODIES)}, got {', '.join(unknown)}")
-        if len({self.center, *names}) < 1 + len(names):
-            raise ValueError(f"bodies: expected each once, and not the centre, got {', '.join(names)}")
-        if "EARTH BARYCENTER" in names and {"EARTH", "MOON"} & {self.center, *names}:
-            raise ValueError("bodies: expected the Earth and the Moon apart or as one, got both")
+            near = _near_names(unknown[0])
+            meant = f"; did you mean {' or '.join(near)}?" if near else ""
+            raise ValueError(f"bodies: expected some of {', '.join(BODIES)}, got {', '.join(unknown)}{meant}")
+        seen: dict[str, str] = {self.center: "the centre"}
+        for name in names:
+            if name in seen:
+                raise ValueError(
+                    f"bodies: expected each once, and not the centre, got {name}, which is {seen[name]}; "
+                    f"leave it out"
+                )
+            seen[name] = "there already"
+        for whole, parts in _WHOLES.items():
+            if whole in seen and (both := [part for part in parts if part in seen]):
+                raise ValueError(
+                    f"bodies: expected a planet apart or with its moons, got {whole} and {both[0]}, so that "
+                    f"it would pull twice; leave out one of them"
+                )
+        if self.kernel is not None and not names:
+            raise ValueError(
+                "kernel: expected bodies whose places it gives, got none; name them, or leave the kernel out"
+            )
+        if self.kernel is None and self.digest is not None:
+            raise ValueError("digest: expected none without a kernel, got one; leave it out")
         if self.gm_km3_s2 is not None and len(self.gm_km3_s2) != 1 + len(names):
             raise ValueError(
-                f"gm_km3_s2: expected {1 + len(names)} numbers, the centre's first, got {len(self.gm_km3_s2)}"
+                f"gm_km3_s2: expected {1 + len(names)} numbers, the centre's first, got "
+                f"{len(self.gm_km3_s2)}; give one for each of {', '.join((self.center, *names))}"
             )
         return self
 
@@ -188,6 +211,13 @@ class WorldFields(BaseModel):
     def names(self) -> tuple[str, ...]:
         """Names of the bodies that pull besides the centre."""
         return USUAL[self.center] if self.bodies is None else self.bodies
+
+
+def _near_names(unknown: str) -> list[str]:
+    """Return the bodies that somebody may have meant, the likeliest first."""
+    word = unknown.upper().strip()
+    begin = [name for name in BODIES if word and name.startswith(word)]
+    return begin or difflib.get_close_matches(word, BODIES, n=1)
 
 
 def absent_if_usual(fields: WorldFields | None) -> WorldFields | None:
@@ -228,6 +258,7 @@ def _world(fields: WorldFields | None, wet_mass_kg: float) -> World:
         loose=Tolerance(*_LOOSE[fields.center], _LOOSE_KG * share),
         strict=Tolerance(*_STRICT[fields.center], _STRICT_KG * share),
         kernel=fields.kernel,
+        digest=fields.digest,
     )
 
 

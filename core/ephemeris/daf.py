@@ -49,95 +49,114 @@ class Segment(NamedTuple):
     last: int
 
 
-def segments_of(path: Path) -> tuple[Segment, ...]:
+def segments_of(path: Path, role: str = "target") -> tuple[Segment, ...]:
     """Return the segments of an SPK in order, each checked to lie in the file and to have its stated length.
 
     Parameters
     ----------
     path : Path
         A file that may be anything.
+    role : str
+        What messages call it.
 
     Raises
     ------
     SpkError
         When it is no SPK, is cut off, or contradicts itself.
     """
+    named = f"{role} {path}"
     try:
         # A pipe would wait for a writer when it is opened.
         if not stat.S_ISREG(path.stat().st_mode):
-            raise SpkError(f"target {path}: expected an SPK file, got no regular file")
+            raise SpkError(f"{named}: expected an SPK file, got no regular file")
         with path.open("rb") as stream:
-            return tuple(_segments(path, stream))
+            return tuple(_segments(named, stream))
     except OSError as error:
-        raise SpkError(f"target {path}: expected a readable SPK kernel, got {error.strerror}") from error
+        raise SpkError(f"{named}: expected a readable SPK kernel, got {error.strerror}") from error
 
 
-def _segments(path: Path, stream: BinaryIO) -> Iterator[Segment]:
+def _segments(named: str, stream: BinaryIO) -> Iterator[Segment]:
     head = stream.read(_RECORD)
-    order = _byte_order(path, head)
+    order = _byte_order(named, head)
     n_words = os.fstat(stream.fileno()).st_size // _WORD
     fward, _, free = _integers(head, order, 76, 3)
     if free - 1 > n_words:
         expected = f"a whole SPK kernel of {_WORD * (free - 1)} bytes"
-        raise SpkError(f"target {path}: expected {expected}, got {_WORD * n_words}; copy it again")
+        raise SpkError(f"{named}: expected {expected}, got {_WORD * n_words}; copy it again")
     seen: set[int] = set()
     place = fward
     while place != 0:
         if place in seen or not 1 < place <= n_words // _WORDS_OF_RECORD:
-            raise _corrupt_error(path, f"a list of segments that leads to record {place}")
+            raise _corrupt_error(named, f"a list of segments that leads to record {place}")
         seen.add(place)
         words = _words(stream, order, (place - 1) * _WORDS_OF_RECORD + 1, _WORDS_OF_RECORD)
         following, _, n_summaries = words[:3].tolist()
         if not (_is_count(n_summaries, _MOST_SUMMARIES) and _is_count(following, n_words)):
             raise _corrupt_error(
-                path, f"{n_summaries:g} segments in record {place}, and {following:g} as the next"
+                named, f"{n_summaries:g} segments in record {place}, and {following:g} as the next"
             )
         for n in range(int(n_summaries)):
             row = words[3 + 5 * n : 8 + 5 * n]
             segment = Segment(*row[:2].tolist(), *row[2:].copy().view(f"{order}i4").tolist())
-            _check(path, stream, order, segment, n_words)
+            _check(named, stream, order, segment, n_words)
             yield segment
         place = int(following)
 
 
-def _byte_order(path: Path, head: bytes) -> str:
+def is_finite(path: Path, segment: Segment) -> bool:
+    """Return whether all words of a segment from `segments_of` are finite numbers.
+
+    Parameters
+    ----------
+    path : Path
+        Its file.
+    segment : Segment
+        Of any type: each keeps its counts as numbers, too.
+    """
+    with path.open("rb") as stream:
+        order = _byte_order(str(path), stream.read(_RECORD))
+        return bool(
+            np.all(np.isfinite(_words(stream, order, segment.first, segment.last - segment.first + 1)))
+        )
+
+
+def _byte_order(named: str, head: bytes) -> str:
     name = head[:8]
     if name.startswith(b"DAFETF") or name.startswith(b"DASETF"):
         raise SpkError(
-            f"target {path}: expected an SPK kernel, got one in transfer format; "
-            f"make it binary with NAIF's tobin"
+            f"{named}: expected an SPK kernel, got one in transfer format; make it binary with NAIF's tobin"
         )
     if name not in (b"DAF/SPK ", b"NAIF/DAF"):
         kind = "empty" if not head else repr(name.decode("ascii", "replace").strip("\0 \r\n"))
-        raise SpkError(f"target {path}: expected an SPK kernel, got a file of kind {kind}")
+        raise SpkError(f"{named}: expected an SPK kernel, got a file of kind {kind}")
     order = _BYTE_ORDERS.get(head[88:96])
     if len(head) < _RECORD or order is None or _integers(head, order, 8, 2) != [2, 6]:
         raise _corrupt_error(
-            path, f"a first record with the format {head[88:96].decode('ascii', 'replace')!r}"
+            named, f"a first record with the format {head[88:96].decode('ascii', 'replace')!r}"
         )
     return order
 
 
-def _check(path: Path, stream: BinaryIO, order: str, segment: Segment, n_words: int) -> None:
+def _check(named: str, stream: BinaryIO, order: str, segment: Segment, n_words: int) -> None:
     """Check that a segment lies in the file, is of a known type, and is as long as its own counts say."""
-    named = f"a segment of {segment.body}, type {segment.kind},"
+    part = f"a segment of {segment.body}, type {segment.kind},"
     if not -np.inf < segment.start_et <= segment.stop_et < np.inf:
-        raise _corrupt_error(path, f"{named} from {segment.start_et} to {segment.stop_et} s")
+        raise _corrupt_error(named, f"{part} from {segment.start_et} to {segment.stop_et} s")
     if not _WORDS_OF_RECORD < segment.first <= segment.last <= n_words:
-        raise _corrupt_error(path, f"{named} at words {segment.first} to {segment.last} of {n_words}")
+        raise _corrupt_error(named, f"{part} at words {segment.first} to {segment.last} of {n_words}")
     if segment.kind not in TYPES:
-        raise SpkError(f"target {path}: expected segments of types that SPICE reads, got type {segment.kind}")
+        raise SpkError(f"{named}: expected segments of types that SPICE reads, got type {segment.kind}")
     n_own = segment.last - segment.first + 1
     tail = _words(stream, order, max(segment.first, segment.last - 3), min(4, n_own))
     if len(tail) == 4 and not _fits(segment.kind, n_own, *tail.tolist()):
-        raise _corrupt_error(path, f"{named} of {n_own} words that ask for another number")
+        raise _corrupt_error(named, f"{part} of {n_own} words that ask for another number")
     if segment.kind in (5, 9, 13):
         n = int(tail[3])
         epochs, again = np.split(_words(stream, order, segment.first + 6 * n, n + (n - 1) // 100), [n])
         if not (np.all(np.isfinite(epochs)) and np.all(np.diff(epochs) > 0)):
-            raise _corrupt_error(path, f"{named} whose epochs do not rise")
+            raise _corrupt_error(named, f"{part} whose epochs do not rise")
         if not np.array_equal(epochs[99::100][: len(again)], again):
-            raise _corrupt_error(path, f"{named} whose directory lists other epochs")
+            raise _corrupt_error(named, f"{part} whose directory lists other epochs")
 
 
 def _fits(kind: int, n_own: int, begin: float, length: float, third: float, last: float) -> bool:
@@ -176,5 +195,5 @@ def _words(stream: BinaryIO, order: str, address: int, number: int) -> NDArray[n
     return np.frombuffer(stream.read(_WORD * number), f"{order}f8")
 
 
-def _corrupt_error(path: Path, found: str) -> SpkError:
-    return SpkError(f"target {path}: expected a sound SPK kernel, got {found}; make or copy it again")
+def _corrupt_error(named: str, found: str) -> SpkError:
+    return SpkError(f"{named}: expected a sound SPK kernel, got {found}; make or copy it again")

@@ -121,6 +121,8 @@ def loaded(path: Path | None) -> Iterator[None]:
         yield
         return
     with _SPICE:
+        # DE440 first: loaded within the block it would be in front.
+        furnish()
         _check_file(path)
         _load(path)
         try:
@@ -169,7 +171,8 @@ def spice_name(path: Path) -> str:
 
 def _check_file(path: Path) -> None:
     if not path.is_file():
-        raise KernelError(f"kernel: expected a file, got {path}; install the package again")
+        remedy = "install the package again" if path in kernel_paths() else "put it back"
+        raise KernelError(f"kernel: expected a file, got {path}; {remedy}")
 
 
 @functools.cache

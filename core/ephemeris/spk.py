@@ -1,9 +1,10 @@
-"""Orbits about the Moon as SPK kernels, in Chebyshev records of one length (SPK type 2).
+"""Orbits as SPK kernels, in Chebyshev records of one length (SPK type 2), and checks of users' kernels.
 
-Frame: J2000 axes, origin at the Moon.  Units: km, TDB s past J2000.
+Frame: J2000 axes, origin at the Moon or another body.  Units: km, TDB s past J2000.
 
 A user's kernel is read in three steps: `core.ephemeris.daf` validates its bytes, `orbit_of` runs all later
-SPICE calls in a separate process, and only then it is loaded into this one.
+SPICE calls in a separate process, and only then it is loaded into this one.  `check_world` does both for a
+kernel with the bodies of a world.
 """
 
 import functools
@@ -25,11 +26,12 @@ from numpy.typing import NDArray
 from spiceypy.utils.exceptions import SpiceyError
 
 from core.constants import SECONDS_PER_DAY
-from core.ephemeris.daf import INERTIAL_FRAMES, SpkError, segments_of
-from core.ephemeris.kernels import KernelError, furnish, planetary_kernel, spice_name
-from core.ephemeris.tables import MIN_COEFFICIENTS, coefficients_through, record_nodes
+from core.ephemeris.daf import INERTIAL_FRAMES, Segment, SpkError, is_finite, segments_of
+from core.ephemeris.kernels import KernelError, furnish, loaded, planetary_kernel, spice_name
+from core.ephemeris.tables import MIN_COEFFICIENTS, coefficients_through, fine_record_days, record_nodes
 from core.epochs import calendar_epoch
-from core.world import BODIES
+from core.plain_data import file_digest
+from core.world import BODIES, EARTH, World
 
 Array = NDArray[np.float64]
 
@@ -45,10 +47,12 @@ _SHORTEST_RECORD_S = 600.0
 
 # Epochs of two records that are one [s]; epochs of SPICE are spaced by 1e-7 s.
 _SAME_S = 1e-5
-# Spans of a kernel that a message lists.
-_MOST_SPANS = 3
+# Spans of a kernel that a message lists, and pairs of bodies.
+_MOST_SPANS, _MOST_PAIRS = 3, 8
 # How long a kernel may be tried [s], and at how many epochs where nothing is fitted.
 _TRIAL_S, _TRIED_EPOCHS = 300.0, 200
+# How much farther or nearer than in DE440 a body of a world's kernel may be: less than metres for km.
+_MOST_TIMES_AWAY = 100.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -280,24 +284,53 @@ def _title(number: int) -> str:
     return next((body.title for body in BODIES.values() if body.naif_id == number), f"body {number}")
 
 
-# What the process does that tries a kernel: the path of modules and the arguments stand in place of {}.
-_TRIAL = "import sys; sys.path[:] = {}; from core.ephemeris.spk import try_out; try_out(*{})"
+# What the process does that tries a kernel: path of modules, function and arguments stand in place of {}.
+_TRIAL = "import sys; sys.path[:] = {}; from core.ephemeris import spk; spk.{}(*{})"
 _REFUSED = 3
+
+
+def _tried(named: str, function: str, *arguments: object) -> bytes:
+    """Return what a function of this file writes to standard output in a process of its own.
+
+    A damaged file can end the process in which SPICE reads it.
+    """
+    code = _TRIAL.format([str(folder) for folder in sys.path], function, arguments)
+    try:
+        command = [sys.executable, "-c", code]
+        trial = subprocess.run(command, capture_output=True, timeout=_TRIAL_S, check=False)
+    except subprocess.TimeoutExpired:
+        raise SpkError(
+            f"{named}: expected an orbit that is read in {_TRIAL_S:.0f} s, got none by then; "
+            f"make a kernel of longer records"
+        ) from None
+    if trial.returncode == _REFUSED:
+        raise SpkError(trial.stderr.decode(errors="replace").strip().splitlines()[-1])
+    if trial.returncode != 0:
+        raise SpkError(
+            f"{named}: expected a kernel that SPICE can read, got exit code {trial.returncode} of the "
+            f"process that tried; make or copy it again"
+        )
+    return trial.stdout
+
+
+@contextmanager
+def _refusing(named: str) -> Iterator[None]:
+    """End this process, which tries a kernel, with one line where the kernel is refused."""
+    try:
+        yield
+    except (SpkError, KernelError) as error:
+        sys.stderr.write(f"{error}\n")
+        sys.exit(_REFUSED)
+    except SpiceyError as error:
+        sys.stderr.write(f"{named}: expected a kernel that SPICE can read, got {error.short}\n")
+        sys.exit(_REFUSED)
 
 
 @functools.lru_cache(maxsize=8)
 def orbit_of(
-    path: Path,
-    naif_id: int,
-    start_et: float,
-    stop_et: float,
-    digest: str | None,
-    near: int = MOON_ID,
-    world: Path | None = None,
+    path: Path, naif_id: int, start_et: float, stop_et: float, digest: str | None, world: World = EARTH
 ) -> ChebyshevOrbit:
-    """Return the orbit of a kernel about a body, as its own records where they are about it, or fitted.
-
-    SPICE looks at the file in a process of its own first: a damaged one can end the process that reads it.
+    """Return the orbit of a kernel about a world's body, as its own records where so they are, or fitted.
 
     Parameters
     ----------
@@ -305,34 +338,17 @@ def orbit_of(
         As for `check_coverage`, which has passed.
     digest : str or None
         That of the content: a file may be replaced by another one of the same name.
-    near : int
-        Identifier of the body.
-    world : Path, optional
-        A kernel with the places of the bodies, if they are not where DE440 has them.
+    world : World
+        The orbit is about `World.near`, with the bodies where the world has them.
 
     Raises
     ------
     SpkError
         When SPICE cannot read the file, or the orbit is too rough to be fitted.
     """
-    arguments = (str(path), naif_id, start_et, stop_et, near, world and str(world))
-    code = _TRIAL.format([str(folder) for folder in sys.path], arguments)
-    try:
-        command = [sys.executable, "-c", code]
-        trial = subprocess.run(command, capture_output=True, timeout=_TRIAL_S, check=False)
-    except subprocess.TimeoutExpired:
-        raise SpkError(
-            f"target {path}: expected an orbit that is read in {_TRIAL_S:.0f} s, got none by then; "
-            f"make a kernel of longer records"
-        ) from None
-    if trial.returncode == _REFUSED:
-        raise SpkError(trial.stderr.decode(errors="replace").strip().splitlines()[-1])
-    if trial.returncode != 0:
-        raise SpkError(
-            f"target {path}: expected a kernel that SPICE can read, got exit code {trial.returncode} of the "
-            f"process that tried; make or copy it again"
-        )
-    with np.load(io.BytesIO(trial.stdout), allow_pickle=False) as found:
+    arguments = (str(path), naif_id, start_et, stop_et, world.near.naif_id)
+    written = _tried(f"target {path}", "try_out", *arguments, world.kernel and str(world.kernel))
+    with np.load(io.BytesIO(written), allow_pickle=False) as found:
         return ChebyshevOrbit(float(found["start_et"]), float(found["record_s"]), found["coefficients"])
 
 
@@ -354,7 +370,7 @@ def try_out(
     world : str, optional
         A kernel with the places of the bodies.
     """
-    try:
+    with _refusing(f"target {path}"):
         if world is not None:
             furnish(Path(world))
         orbit = read_orbit(Path(path), naif_id, near)
@@ -364,15 +380,184 @@ def try_out(
             furnish(Path(path))
             for et in np.linspace(start_et, stop_et, _TRIED_EPOCHS).tolist():
                 _position(Path(path), naif_id, et, near)
-    except (SpkError, KernelError) as error:
-        sys.stderr.write(f"{error}\n")
-        sys.exit(_REFUSED)
-    except SpiceyError as error:
-        sys.stderr.write(f"target {path}: expected a kernel that SPICE can read, got {error.short}\n")
-        sys.exit(_REFUSED)
     np.savez(
         sys.stdout.buffer,
         start_et=orbit.start_et,
         record_s=orbit.record_s,
         coefficients=orbit.coefficients,
     )
+
+
+def check_world(world: World, start_et: float, stop_et: float) -> None:
+    """Check that the kernel of a world, if it has one, has all its bodies throughout a span.
+
+    Parameters
+    ----------
+    world : World
+        Its kernel, its centre and its bodies.
+    start_et, stop_et : float
+        The span [TDB s past J2000].
+
+    Raises
+    ------
+    SpkError
+        When the file is not a sound SPK, has been changed, lacks a body or a part of the span, or places
+        bodies where they cannot be.
+    KernelError
+        When SPICE cannot hold its path.
+    """
+    if world.kernel is None:
+        return
+    spice_name(world.kernel)
+    try:
+        digest = file_digest(world.kernel)
+    except OSError as error:
+        raise SpkError(f"{_role(world)}: expected a readable SPK kernel, got {error.strerror}") from error
+    if world.digest not in (None, digest):
+        raise SpkError(
+            f"{_role(world)}: expected the file with digest {world.digest}, got {digest}; "
+            f"it has been changed since"
+        )
+    _check_content(world, digest, start_et, stop_et)
+
+
+def _role(world: World) -> str:
+    return f"world.kernel {world.kernel}"
+
+
+@functools.lru_cache(maxsize=64)
+def _check_content(world: World, digest: str, start_et: float, stop_et: float) -> None:
+    assert world.kernel is not None
+    segments, named, centre = segments_of(world.kernel, "world.kernel"), _role(world), world.center
+    from_center = _ways(segments, centre.naif_id)
+    for body in world.bodies:
+        ways = _ways(segments, body.naif_id)
+        shared = ways.keys() & from_center.keys()
+        covered = _merge_spans(span for node in shared for span in _common(ways[node], from_center[node]))
+        about = f"{body.name} ({body.naif_id}) relative to {centre.name} ({centre.naif_id})"
+        if not covered:
+            pairs = sorted({(segment.body, segment.centre) for segment in segments})[:_MOST_PAIRS]
+            listed = ", ".join(f"{one} relative to {other}" for one, other in pairs) or "nothing"
+            raise SpkError(
+                f"{named}: expected {about}, got {listed}; write it into the kernel, or leave it out of "
+                f"world.bodies"
+            )
+        if not any(start <= start_et and stop_et <= stop for start, stop in covered):
+            raise SpkError(
+                f"{named}: expected {about} from the departure to the latest arrival, "
+                f"{calendar_epoch(start_et)}..{calendar_epoch(stop_et)}, got "
+                f"{_coverage_text(covered, start_et, stop_et)}; make it longer, or narrow bounds"
+            )
+        for segment in (one for one in segments if one.body in ways.keys() | from_center.keys()):
+            _check_segment(named, world.kernel, segment)
+    bodies = tuple((body.naif_id, body.name) for body in world.bodies)
+    record_s = fine_record_days(world) * SECONDS_PER_DAY
+    arguments = (str(world.kernel), centre.naif_id, bodies, start_et, stop_et)
+    _tried(named, "try_world", *arguments, record_s, world.strict.position_km)
+
+
+def _check_segment(named: str, kernel: Path, segment: Segment) -> None:
+    if segment.frame not in INERTIAL_FRAMES:
+        raise SpkError(
+            f"{named}: expected {segment.body} in a frame that is built into SPICE, like J2000, got frame "
+            f"{segment.frame}, which needs further kernels; write it in J2000"
+        )
+    if not is_finite(kernel, segment):
+        raise SpkError(
+            f"{named}: expected finite numbers for {segment.body}, got NaN or infinity; make it again"
+        )
+
+
+def _ways(segments: Iterable[Segment], number: int) -> dict[int, list[tuple[float, float]]]:
+    """Return when a body's place relative to each other body follows from segments, by that body."""
+    own: dict[int, list[Segment]] = {}
+    for segment in segments:
+        own.setdefault(segment.body, []).append(segment)
+    ways = {number: [(-math.inf, math.inf)]}
+    ends = ways.copy()
+    for _ in own:
+        further: dict[int, list[tuple[float, float]]] = {}
+        for node, spans in ends.items():
+            for one in own.get(node, ()):
+                further.setdefault(one.centre, []).extend(_common(spans, [(one.start_et, one.stop_et)]))
+        ends = {node: _merge_spans(spans) for node, spans in further.items() if spans}
+        for node, spans in ends.items():
+            ways[node] = _merge_spans([*ways.get(node, []), *spans])
+    return ways
+
+
+def _common(
+    some: Iterable[tuple[float, float]], others: Iterable[tuple[float, float]]
+) -> list[tuple[float, float]]:
+    """Return the spans that are in one of some and in one of others."""
+    pairs = itertools.product(some, others)
+    cut = [(max(one[0], other[0]), min(one[1], other[1])) for one, other in pairs]
+    return [span for span in cut if span[0] < span[1]]
+
+
+def try_world(
+    path: str,
+    center: int,
+    bodies: tuple[tuple[int, str], ...],
+    start_et: float,
+    stop_et: float,
+    record_s: float,
+    tolerance_km: float,
+) -> None:
+    """Compare the places of a world's bodies with DE440 and with polynomials; runs in a separate process.
+
+    Parameters
+    ----------
+    path : str
+        An SPK with all of the bodies.
+    center : int
+        Identifier of the centre.
+    bodies : tuple of (int, str)
+        Identifier and name of each body.
+    start_et, stop_et : float
+        The span [TDB s past J2000].
+    record_s : float
+        Length of the records by which the bodies are known to the solver [s].
+    tolerance_km : float
+        How far a body may be from such a record [km].
+    """
+    named = f"world.kernel {path}"
+    with _refusing(named):
+        furnish()
+        length = min(record_s, stop_et - start_et)
+        begins = np.linspace(start_et, stop_et - length, _TRIED_EPOCHS)
+        nodes = np.array([record_nodes(begin, length, 1, MIN_COEFFICIENTS)[0] for begin in begins])
+        between = begins[:, None] + length * np.array([0.02, 0.5, 0.98])
+        for number, name in bodies:
+            usual = np.linalg.norm(_places(number, begins, center), axis=-1)
+            with loaded(Path(path)):
+                places, further = (_places(number, epochs, center) for epochs in (nodes, between))
+            _require_near(named, name, places[:, 0], usual, begins)
+            fitted = np.polynomial.chebyshev.chebval(
+                [-0.96, 0.0, 0.96], coefficients_through(places).transpose(1, 0, 2)
+            )
+            rough = np.linalg.norm(fitted.transpose(0, 2, 1) - further, axis=-1).max(axis=1)
+            worst = int(np.argmax(rough))
+            if not rough[worst] <= tolerance_km:
+                raise SpkError(
+                    f"{named}: expected {name} on a path that is smooth to {tolerance_km:g} km over "
+                    f"{length / SECONDS_PER_DAY:g} days, got {rough[worst]:.3g} km at "
+                    f"{calendar_epoch(float(begins[worst]))}; make it again, of more points"
+                )
+
+
+def _places(number: int, epochs: Array, center: int) -> Array:
+    """Return positions (*epochs.shape, 3) [km] of a body relative to a centre, as SPICE has them now."""
+    found = [spiceypy.spkgps(number, et, "J2000", center)[0] for et in epochs.ravel().tolist()]
+    return np.array(found).reshape(*epochs.shape, 3)
+
+
+def _require_near(named: str, name: str, places_km: Array, usual_km: Array, epochs: Array) -> None:
+    distances = np.linalg.norm(places_km, axis=-1)
+    low, high = usual_km / _MOST_TIMES_AWAY, usual_km * _MOST_TIMES_AWAY
+    if np.any(outside := ~((low <= distances) & (distances <= high))):
+        first = int(np.argmax(outside))
+        raise SpkError(
+            f"{named}: expected {name} {low[first]:.3g} to {high[first]:.3g} km from the centre, got "
+            f"{distances[first]:.3g} km at {calendar_epoch(float(epochs[first]))}; in metres or other units?"
+        )

@@ -65,7 +65,7 @@ def body_table(
     origin_et : float
         Epoch from which the table counts time [TDB s past J2000].
     start_days, stop_days : float
-        Span [days past the origin]; the last record may reach further.
+        Span [days past the origin]; the last record may reach further, but not where the world has a kernel.
     is_fine : bool
         Whether trajectories are flown by it, whose Moon may be off by micrometres only: low passages
         magnify the rest. Departures and orbits of the target keep the coarse table by which they are known.
@@ -87,10 +87,11 @@ def body_table(
         raise EpochError(
             f"span: expected start < stop, got {start_days} and {stop_days} days past the origin"
         )
-    record_days = FINE_RECORD_DAYS if is_fine else BODY_RECORD_DAYS
-    if world.center.name == "SUN":
-        record_days *= SLOWER_ABOUT_SUN
+    record_days = fine_record_days(world) * (1.0 if is_fine else BODY_RECORD_DAYS / FINE_RECORD_DAYS)
     n_records = math.ceil((stop_days - start_days) / record_days)
+    if world.kernel is not None:
+        # Nothing may be known beyond the span.
+        record_days = (stop_days - start_days) / n_records
     first = origin_et + start_days * SECONDS_PER_DAY
     last = first + n_records * record_days * SECONDS_PER_DAY
     if not (KERNEL_SPAN[0] <= first and last <= KERNEL_SPAN[1]):
@@ -104,13 +105,20 @@ def body_table(
     position = partial(_precise_positions, world, origin_et) if is_fine else partial(_positions, world)
     samples = np.zeros((*nodes.shape, 3 * MOST_BODIES))
     if world.bodies:
+        # By rounding the last node may be past the end, of which a kernel need know nothing.
+        latest = nodes[-1, -1] if world.kernel is None else begin + (stop_days - start_days) * SECONDS_PER_DAY
         with loaded(world.kernel):
-            found = np.array([[position(time) for time in record] for record in nodes])
+            found = np.array([[position(min(time, latest)) for time in record] for record in nodes])
         samples[:, :, : found.shape[2]] = found
     units = world.units
     coefficients = coefficients_through(samples / units.lu_km)
     start, record = start_days / units.tu_days, record_days / units.tu_days
     return EphemerisTable(start, record, coefficients, tu_days=units.tu_days)
+
+
+def fine_record_days(world: World) -> float:
+    """Return the length of the records by which trajectories are flown in a world [days]."""
+    return FINE_RECORD_DAYS * (SLOWER_ABOUT_SUN if world.center.name == "SUN" else 1)
 
 
 def _positions(world: World, et: float) -> Array:

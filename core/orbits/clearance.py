@@ -24,6 +24,17 @@ from core.world import Body, world_of
 
 Array = NDArray[np.float64]
 
+#: How near to a planet that pulls together with its moons nothing begins or ends [km]: there its pull is not
+#: that of one point.
+_PLANET_KM = {
+    "VENUS BARYCENTER": 6_100.0,
+    "EARTH BARYCENTER": 450_000.0,
+    "MARS BARYCENTER": 3_400.0,
+    "JUPITER BARYCENTER": 72_000.0,
+    "SATURN BARYCENTER": 61_000.0,
+    "URANUS BARYCENTER": 26_000.0,
+    "NEPTUNE BARYCENTER": 25_000.0,
+}
 #: Samples of a target's path: one in two and a half hours of 200 days.
 _N_SAMPLES = 2000
 
@@ -55,10 +66,16 @@ def check_clearance(problem: Problem, stop: Callable[[], bool] | None = None) ->
     bodies = body_table(start.et, 0.0, last, world=world)
     for number, body in enumerate(world.bodies):
         distance = float(np.linalg.norm(start.position_km - _path(bodies, np.zeros(1), lu_km, number)[0]))
+        if distance < (least := _PLANET_KM.get(body.name, 0.0)):
+            raise ClearanceError(
+                f"departure: expected a state at least {least:g} km from {body.name}, a point that pulls, "
+                f"got {distance:.0f} km at {calendar_epoch(start.et)}; leave it out of world.bodies"
+            )
         if distance < body.radius_km:
             raise ClearanceError(
                 f"departure: expected a state outside the {body.title}, radius {body.radius_km} km, got "
-                f"{distance:.0f} km from its centre at {calendar_epoch(start.et)}; another epoch?"
+                f"{distance:.0f} km from its centre at {calendar_epoch(start.et)}; "
+                f"another epoch{'' if problem.world is None else ', or one body less in world.bodies'}?"
             )
     if is_given:
         days = np.linspace(0.0, last, _N_SAMPLES, endpoint=False)
@@ -74,6 +91,12 @@ def _require_clear(epochs: Array, paths: list[tuple[Body, Array]]) -> None:
     for body, path in paths:
         distances = np.linalg.norm(path, axis=1)
         nearest = int(np.argmin(distances))
+        if distances[nearest] < (least := _PLANET_KM.get(body.name, 0.0)):
+            raise ClearanceError(
+                f"target: expected an orbit at least {least:g} km from {body.name}, a point that pulls, got "
+                f"{distances[nearest]:.0f} km at {calendar_epoch(float(epochs[nearest]))}; leave it out of "
+                f"world.bodies"
+            )
         if distances[nearest] < body.radius_km:
             raise ClearanceError(
                 f"target: expected an orbit outside the {body.title}, radius {body.radius_km} km, got "

@@ -26,7 +26,7 @@ from core.dynamics import force_model
 from core.ephemeris import EphemerisTable, body_table, one_at_a_time
 from core.ephemeris.daf import SpkError
 from core.ephemeris.kernels import KernelError, spice_name
-from core.ephemeris.spk import ChebyshevOrbit, check_coverage, orbit_of, read_orbit, write_orbit
+from core.ephemeris.spk import ChebyshevOrbit, check_coverage, check_world, orbit_of, read_orbit, write_orbit
 from core.ephemeris.tables import coefficients_through, record_nodes
 from core.epochs import seconds_past_j2000
 from core.orbits.nrho import PatchedOrbit, margin_days, nrho
@@ -77,7 +77,9 @@ def target_kernel(problem: Problem, cache_folder: Path | None = None) -> tuple[P
 def _given_orbit(
     target: SpkTarget, departure_et: float, start: float, stop: float, world: World
 ) -> ChebyshevOrbit:
-    """Return the orbit of a user's kernel after validating the kernel."""
+    """Return the orbit of a user's kernel after validating the kernel, and that of the world."""
+    span = tuple(departure_et + days * SECONDS_PER_DAY for days in (start, stop))
+    check_world(world, *span)
     spice_name(target.path)
     digest = target.digest_now()
     if target.digest not in (None, digest):
@@ -85,9 +87,8 @@ def _given_orbit(
             f"target {target.path}: expected the file with digest {target.digest}, got {digest}; "
             f"it has been changed since"
         )
-    span = tuple(departure_et + days * SECONDS_PER_DAY for days in (start, stop))
     check_coverage(target.path, target.naif_id, *span)
-    return orbit_of(target.path, target.naif_id, *span, digest, world.near.naif_id, world.kernel)
+    return orbit_of(target.path, target.naif_id, *span, digest, world)
 
 
 def _nrho_kernel(

@@ -278,11 +278,12 @@ class _Setting:
 def _setting(reference: Problem) -> _Setting:
     et, position, velocity, mass = departure_state(reference.departure, reference.spacecraft)
     start, stop = window_days(reference)
-    # Room for pictures that follow the target past the latest arrival.
-    world = world_of(reference)
-    bodies = body_table(et, min(start, -_ROOM_DAYS), stop + _ROOM_DAYS, is_fine=True, world=world)
+    world, target = world_of(reference), target_table(reference)
+    # Room for pictures that follow the target past the latest arrival, as far as the bodies are known.
+    room = _ROOM_DAYS if world.kernel is None else 0.0
+    bodies = body_table(et, min(start, -room), stop + room, is_fine=True, world=world)
     departure = np.concatenate([position, velocity, [mass]]) / world.units.state
-    return _Setting(force_model(reference, bodies), target_table(reference), departure)
+    return _Setting(force_model(reference, bodies), target, departure)
 
 
 def transcribe(

@@ -5,8 +5,6 @@ the re-propagated trajectories, and whether they are within each of the two tole
 No code is shared with `core.transcription` or `core.dynamics`, so that an error there cannot hide here.
 """
 
-import functools
-import hashlib
 from dataclasses import dataclass
 from math import pi
 from pathlib import Path
@@ -17,6 +15,7 @@ import numpy as np
 from core.constants import SECONDS_PER_DAY
 from core.ephemeris.kernels import check_kernels, furnish, kernel_hashes, loaded, one_at_a_time
 from core.orbits import target_kernel
+from core.plain_data import file_digest
 from core.problem import Problem
 from core.tolerances import Tolerance, violation
 from core.verification.closest_approach import Approach, Closest
@@ -178,7 +177,7 @@ def _verdict(problem: Problem, plans: list[Plan], found: list[_Flight], kernel: 
         tolerance=worst.rtol,
         kernels=(
             (_PLANETS, kernel_hashes()[_PLANETS]),
-            (kernel.name, _digest(kernel, kernel.stat().st_mtime_ns)),
+            *((path.name, file_digest(path)) for path in (kernel, world.kernel) if path is not None),
         ),
         n_evaluations=sum(flight.n_evaluations for flight in found),
     )
@@ -229,8 +228,3 @@ def _is_between(values: Array | float, low: float, high: float) -> bool:
 def _failures(flights: list[HalfTrajectories]) -> list[str]:
     names = ["reference", *(f"realization {i}" for i in range(1, len(flights)))]
     return [f"{name} {flown.failure}" for name, flown in zip(names, flights, strict=True) if flown.failure]
-
-
-@functools.cache
-def _digest(kernel: Path, changed: int) -> str:
-    return hashlib.blake2b(kernel.read_bytes(), digest_size=16).hexdigest()
