@@ -54,6 +54,8 @@ LONGEST_OUTAGE_DAYS, MOST_OUTAGE_DAYS = 20.0, 1000.0
 
 #: Name of the kernel with the planets: where there is no other file of this name, it is the one at hand.
 PLANETS = Path(de440).name
+#: Paths that name it, and so no file of a user.
+NAMES_OF_PLANETS = (PLANETS, str(Path(de440)))
 
 #: The target is made over this span past departure at least, and with it so far beyond both ends [days].
 LEAST_SPAN_DAYS, KERNEL_MARGIN_DAYS = 200.0, 45.0

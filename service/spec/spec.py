@@ -14,7 +14,7 @@ from pydantic import BeforeValidator, Field, StrictInt, ValidationError, model_v
 
 from core.errors import UserError
 from core.plain_data import content_hash, read_table_file
-from core.problem import Problem, ProblemError, beside, problem_from, validation_message
+from core.problem import NAMES_OF_PLANETS, Problem, ProblemError, beside, problem_from, validation_message
 from core.search.settings import expand_mapping
 from service.spec.search_spec import SHARING, Name, Priority, SearchSpec, Strict
 
@@ -276,6 +276,8 @@ def _refuse_files(name: str, problem: Any) -> None:
     if isinstance(world, Mapping) and world.get("kernel") is not None:
         raise SpecError(f"{name}.world: expected a world without a file over the network, got a kernel")
     target = problem.get("target") if isinstance(problem, Mapping) else None
+    if isinstance(target, Mapping) and target.get("path") in NAMES_OF_PLANETS:
+        return
     if isinstance(target, Mapping) and (target.get("kind") == "spk" or "path" in target):
         raise SpecError(f"{name}.target: expected a target without a file over the network, got kind spk")
 

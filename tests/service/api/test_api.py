@@ -1,7 +1,9 @@
 import json
+import re
 
 import pytest
 
+from core.problem import NAMES_OF_PLANETS, load_problem
 from service.api import metrics
 from tests.service.campaigns import OUTAGE, SPIRAL, finish, spec_fields, submitted
 
@@ -226,12 +228,44 @@ def test_numbers_that_are_not_finite_are_refused(client, store):
     assert answer.status_code == 422 and store.campaigns() == []
 
 
-def test_no_path_from_a_client_is_opened(client):
-    target = {"kind": "spk", "path": "/etc/passwd", "naif_id": -7}
-    answer = client.post(
-        f"{API}/campaigns", json=spec_fields(problem={"preset": "ppe-drm3", "target": target})
-    )
+@pytest.mark.parametrize(
+    "problem",
+    [
+        {"preset": "ppe-drm3", "target": {"kind": "spk", "path": "/etc/passwd", "naif_id": -7}},
+        {"preset": "earth-mars", "world": {"bodies": ["VENUS"], "kernel": "/etc/passwd"}},
+        {"preset": "earth-mars", "target": {"path": ["de440.bsp"]}},
+    ],
+)
+def test_no_path_from_a_client_is_opened(client, problem):
+    answer = client.post(f"{API}/campaigns", json=spec_fields(problem=problem))
     assert answer.status_code == 422 and "without a file" in answer.json()["detail"]
+
+
+@pytest.mark.parametrize("path", NAMES_OF_PLANETS)
+def test_a_planet_may_be_the_target_over_the_network(client, path):
+    fields = load_problem("earth-mars").model_dump(mode="json")
+    fields["target"]["path"] = path
+    assert client.post(f"{API}/campaigns", json=spec_fields(problem=fields)).status_code == 201
+
+
+@pytest.mark.parametrize(
+    ("changes", "detail"),
+    [
+        ({"world": {"bodies": ["MARS"]}}, "spec.problem.world: bodies: .*, got MARS; did you mean MARS BARY"),
+        ({"world": {"bodies": "VENUS"}}, "spec.problem.world.bodies: expected a list, got 'VENUS'"),
+        ({"world": {"center": "EARTH"}}, 'spec.problem.departure.position_km: .* mean center = "SUN"[?]'),
+        (
+            {"world": {"bodies": ["MARS BARYCENTER"]}},
+            "spec.problem.target.naif_id: .*, got 4, which is a body",
+        ),
+        ({"world": {"bodies": ["EARTH"]}}, "spec.problem: departure: expected a state outside the Earth"),
+        ({"departure": {"position_km": [1e5, 2e5, 0.0]}}, '.* in AU, or did you mean center = "EARTH"[?]'),
+    ],
+)
+def test_a_world_that_cannot_be_is_refused_in_one_line(client, store, changes, detail):
+    answer = client.post(f"{API}/campaigns", json=spec_fields(problem={"preset": "earth-mars"} | changes))
+    assert answer.status_code == 422 and store.campaigns() == []
+    assert re.fullmatch(f"{detail}[^\n]*", answer.json()["detail"])
 
 
 def test_a_bug_is_a_500_without_details(client, store, monkeypatch):
