@@ -401,6 +401,16 @@ def test_bodies_of_a_kernel_are_those_of_its_own_world_alone(tmp_path):
     # The sum of Chebyshev coefficients is the value at the end of a record.
     first = before[0][0, :, :3].sum(axis=0) * world_of(own[0]).units.lu_km
     assert np.linalg.norm(first) == pytest.approx(3e5)
+
+    def defects(problem):
+        return core.verify(problem, random_point(core.transcribe(problem), 5)).defects
+
+    one_by_one = [defects(problem) for problem in problems[:3]]
+    with ThreadPoolExecutor(6) as pool:
+        # As in a service, where figures are drawn while solutions are verified.
+        verified, drawn = pool.map(defects, problems[:3]), pool.map(table, problems)
+        np.testing.assert_array_equal(list(verified), one_by_one)
+        assert len(list(drawn)) == len(problems)
     moon = spiceypy.spkgps(301, SPAN[0], "J2000", 399)[0]
     with loaded(own[0].world.kernel):
         assert np.linalg.norm(spiceypy.spkgps(301, SPAN[0], "J2000", 399)[0]) == pytest.approx(3e5)

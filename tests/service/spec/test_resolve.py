@@ -1,5 +1,6 @@
 """Problems that no spacecraft can fly: each refused with its field, its value and the likely slip."""
 
+import json
 import time
 import tomllib
 from pathlib import Path
@@ -17,9 +18,10 @@ from core.epochs import seconds_past_j2000
 from core.problem import ProblemError, load_problem, problem_from, require_physical
 from core.ranges import FARTHEST_KM, FASTEST_KM_S, RANGES
 from core.units import LU_KM
-from service.spec import SpecError
+from service.spec import SpecError, load_spec
 from service.spec.spec_check import require_flyable
-from tests.service.campaigns import SPIRAL
+from tests.core.test_world import on_circles
+from tests.service.campaigns import SPIRAL, spec_fields
 
 PRESET = load_problem("ppe-drm3")
 POSITION, VELOCITY = PRESET.departure.position_km, PRESET.departure.velocity_km_s
@@ -223,3 +225,18 @@ def test_the_smallest_and_the_largest_spacecraft_are_taken(craft):
     start = craft["wet_mass_kg"]
     bounds = {"min_final_mass_kg": craft["dry_mass_kg"]}
     require_physical(changed(spacecraft=craft, departure={"mass_kg": start}, bounds=bounds))
+
+
+def test_the_kernel_of_a_world_is_looked_for_beside_its_file_and_checked(tmp_path):
+    problem, file = on_circles(tmp_path) | {"n_segments": 30}, tmp_path / "spec.json"
+    problem["world"]["kernel"], problem["target"]["path"] = "moon.bsp", "target.bsp"
+    file.write_text(json.dumps(spec_fields(problem=problem)))
+    require_flyable(load_spec(file).problem)
+    on_circles(tmp_path, radius_km=3.844e8)
+    with pytest.raises(SpecError, match=r"^spec\.problem: world\.kernel \S+: .* in metres or other units\?$"):
+        require_flyable(load_spec(file).problem)
+    (tmp_path / "moon.bsp").unlink()
+    with pytest.raises(
+        SpecError, match=r"^spec\.problem\.world\.kernel: expected an SPK file, got \S+, which"
+    ):
+        load_spec(file)
