@@ -16,6 +16,10 @@ class Tolerance:
     velocity_km_s: float
     mass_kg: float
 
+    def __str__(self) -> str:
+        """Return its bounds as people read them."""
+        return f"{self.position_km:g} km, {1e3 * self.velocity_km_s:g} m/s, {self.mass_kg:g} kg"
+
 
 #: The paper's level; 0.1 km/s is 12-29 % of a whole transfer, so it is weak.
 PAPER = Tolerance(1.0, 0.1, 1.0)

@@ -22,7 +22,7 @@ from core.problem import Outage, Problem
 from core.transcription import TrajectoryLayout, Transcription, checked_vector, transcribe
 from core.transcription.control import thrust_of
 from core.units import LU_KM, TU_DAYS
-from core.world import World
+from core.world import BODIES, World
 
 Array = NDArray[np.float64]
 
@@ -186,6 +186,8 @@ class Flight:
     target: Path
     #: The bodies that the frames are about; `moon` is the first of them, or the target where it has none.
     world: World
+    #: The name of that.
+    main: str
 
 
 class _Piece(NamedTuple):
@@ -251,7 +253,16 @@ def fly(
         moon=sampler.path(sampler.moon_at, 0.0, arrival, MOON_STEP_DAYS * sampler.slowness),
         target=sampler.target_path(insertion, arrival),
         world=transcription.world,
+        main=_main_of(problem, transcription.world),
     )
+
+
+def _main_of(problem: Problem, world: World) -> str:
+    """Return the name of the first of the bodies, or of the target where there is none."""
+    if world.bodies:
+        return world.bodies[0].title
+    number = getattr(problem.target, "naif_id", None)
+    return next((body.title for body in BODIES.values() if body.naif_id == number), "target")
 
 
 def to_rotating(position: Array, moon: Array, moon_velocity: Array, length_km: float = LU_KM) -> Array:

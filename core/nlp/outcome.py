@@ -11,8 +11,6 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from core.constants import LOWEST_OVER_EARTH_KM, LOWEST_OVER_MOON_KM
-
 Array = NDArray[np.float64]
 
 
@@ -32,10 +30,7 @@ class ExitStatus(Enum):
     STOPPED = "The solve was asked to stop; nothing is wrong with the guess."
     LOCALLY_INFEASIBLE = "The solver settled where defects remain; hop again, or shorten the outage."
     STALLED = "Defects remain, or the path magnifies rounding into some; hop again, or start from a seed."
-    IMPACT = (
-        f"The path found leads lower over a body than it may ({LOWEST_OVER_EARTH_KM:g} km over the Earth, "
-        f"{LOWEST_OVER_MOON_KM:g} km over the Moon); hop again, or start from a seed."
-    )
+    IMPACT = "The path found leads lower over a body than it may; hop again, or start from a seed."
     NOT_FINITE = "A state or a partial was not finite; check for a passage through a body."
     SOLVER_FAILURE = "The solver gave up for a reason of its own; hop again."
 

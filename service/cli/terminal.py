@@ -11,11 +11,12 @@ from rich.table import Table
 from rich.text import Text
 
 from core.analysis.metrics import feasibility_ratio
+from core.world import world_from
 from service.db.transitions import ENDED
 from service.schemas.campaign import CampaignItem, CampaignView
 from service.schemas.job import JobView, WorkerView
 from service.schemas.search import SearchView
-from service.schemas.solution import Record, SeedPage
+from service.schemas.solution import Record, RecordWithVector, SeedPage
 from workers.certificate import CertificateDocument, CertifiedApproach, CertifiedThird, CertifiedTrajectory
 
 if TYPE_CHECKING:
@@ -25,8 +26,6 @@ SUMMARY_COLUMNS = ("search", "strategy", "solves", "loose, %", "strict, %", "fou
 
 #: What users call each level of tolerance; files, the API and options call the loose one `paper`.
 LEVELS = {"strict": "strict", "paper": "loose"}
-#: Position, velocity and mass of each, docs/method.md section 9.
-BOUNDS = {"loose": "1 km, 100 m/s, 1 kg", "strict": "0.1 km, 0.1 m/s, 0.01 kg"}
 
 
 def table(*columns: str, title: str | None = None) -> Table:
@@ -55,8 +54,8 @@ def summary(view: CampaignView) -> Table:
             _shown(search.cpu_seconds / search.n_strict if search.n_strict else None, 1),
         )
     strict = "least propellant and delta-v of strict solutions; CPU time per one"
-    levels = "; ".join(f"{name}: {bounds}" for name, bounds in BOUNDS.items())
-    rows.caption = f"shares with 95 % interval; {strict}\n{levels}"
+    world = world_from(view.problem)
+    rows.caption = f"shares with 95 % interval; {strict}\nloose: {world.loose}; strict: {world.strict}"
     rows.caption_justify = "left"
     return rows
 
@@ -206,7 +205,7 @@ def _duration(seconds: float) -> str:
 PARTS = {"km": slice(0, 3), "km/s": slice(3, 6), "kg": slice(6, 7)}
 
 
-def print_record(console: Console, record: Record) -> None:
+def print_record(console: Console, record: RecordWithVector) -> None:
     """Print a solution without its vector, which is in the JSON."""
     console.print(Text.assemble((record.id, "bold"), f"  {record.strategy}, verified as {level_of(record)}"))
     for name, words in _facts(record):
@@ -214,7 +213,7 @@ def print_record(console: Console, record: Record) -> None:
     console.print(_defects(record))
 
 
-def _facts(record: Record) -> Iterator[tuple[str, str]]:
+def _facts(record: RecordWithVector) -> Iterator[tuple[str, str]]:
     outages = [f"{outage.duration_days:g} d at segment {outage.segment}" for outage in record.outages]
     yield "outages", ", ".join(outages) or "none"
     spent = f"{record.delta_v_total_km_s:.4f} km/s from the wet mass on"
@@ -226,8 +225,7 @@ def _facts(record: Record) -> Iterator[tuple[str, str]]:
     yield "time of flight", f"{record.time_of_flight_days:.2f} d: {shares}"
     yield "insertion", f"{record.insertion_epoch} TDB"
     yield "arrival", f"{record.arrival_epoch} TDB"
-    lowest = (("Earth", record.earth_altitude_km), ("Moon", record.moon_altitude_km))
-    passes = [f"{altitude:,.0f} km over the {body}" for body, altitude in lowest if altitude is not None]
+    passes = [f"{altitude:,.0f} km over the {body}" for body, altitude in _lowest(record)]
     yield "lowest", ", ".join(passes) or "not computed; `coastarc solutions verify` does it"
     yield "problem", record.problem_hash
     yield "found by", f"search {record.search} of campaign {record.campaign_id}"
@@ -239,6 +237,13 @@ def _facts(record: Record) -> Iterator[tuple[str, str]]:
     yield "code", record.code_version
     yield "packages", ", ".join(f"{name} {version}" for name, version in record.package_versions.items())
     yield "kernels", ", ".join(f"{name} {digest}" for name, digest in record.kernel_hashes.items())
+
+
+def _lowest(record: RecordWithVector) -> list[tuple[str, float]]:
+    """Return the bodies and how low a solution passes [km]; earlier versions and imports may say nothing."""
+    known = record.verification.get("lowest_km")
+    altitudes = known.items() if isinstance(known, dict) else ()
+    return [(body, altitude) for body, altitude in altitudes if isinstance(altitude, float | int)]
 
 
 def _defects(record: Record) -> Table:
@@ -264,9 +269,16 @@ def verify_progress_line(items: "Sequence[Verified]", n: int, gone_s: float) -> 
 
 def verified_list(items: "Sequence[Verified]") -> Table:
     """Return one row per solution."""
-    rows = table("solution", "level", "good", "arrival miss, km", "Earth, km", "Moon, km", "certificate")
-    for item in items:
-        numbers = (item.arrival_miss_km, item.earth_altitude_km, item.moon_altitude_km)
+    passed = {
+        "Earth": [one.earth_altitude_km for one in items],
+        "Moon": [one.moon_altitude_km for one in items],
+    }
+    # Far from both there is nothing to tell of them.
+    passed = {body: altitudes for body, altitudes in passed.items() if set(altitudes) != {None}}
+    columns = ("arrival miss, km", *(f"{body}, km" for body in passed))
+    rows = table("solution", "level", "good", *columns, "certificate")
+    for item, *altitudes in zip(items, *passed.values(), strict=True):
+        numbers = (item.arrival_miss_km, *altitudes)
         shown = ["-" if number is None else f"{number:,.3f}" for number in numbers]
         rows.add_row(
             item.solution_id[:8],
@@ -310,9 +322,11 @@ def print_certificate(console: Console, found: CertificateDocument | None) -> No
     for reason in (*content.marks, content.failure):
         if reason:
             console.print(f"  {reason}", soft_wrap=True, markup=False)
-    rows = table("trajectory", "defect, km", "miss at arrival", "Earth", "Moon", "propellant", "arrives with")
+    closest = (approach for trajectory in content.trajectories for approach in trajectory.closest)
+    bodies = list(dict.fromkeys(approach.body for approach in closest))
+    rows = table("trajectory", "defect, km", "miss at arrival", *bodies, "propellant", "arrives with")
     for trajectory in content.trajectories:
-        rows.add_row(*_row(trajectory))
+        rows.add_row(*_row(trajectory, bodies))
     rows.caption = "defect at the matchpoint; miss if nothing is corrected; lowest altitudes"
     rows.caption_justify = "left"
     console.print(rows)
@@ -334,13 +348,13 @@ def _km(distance: float | None) -> str:
     return "-" if distance is None else f"{distance:.3g} km"
 
 
-def _row(flown: CertifiedTrajectory) -> list[str]:
+def _row(flown: CertifiedTrajectory, bodies: Sequence[str]) -> list[str]:
     miss, mass = flown.through.arrival_miss[0], flown.mass
     return [
         flown.name,
         "-" if flown.position_km is None else f"{flown.position_km:.2g}",
         flown.through.failure or f"{miss or 0.0:.3g} km",
-        *(_altitude(flown.closest, body) for body in ("Earth", "Moon")),
+        *(_altitude(flown.closest, body) for body in bodies),
         f"{mass.before_outage + mass.segments:.2f} kg",
         f"{mass.arrival:.2f} kg",
     ]

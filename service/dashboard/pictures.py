@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.analysis.flight import Arc, Flight, FlownTrajectory, Path
-from core.world import World
 
 #: Decimals by what a field is measured in.
 DAYS, KM, KM_S, KG, RAD, SHARE = 5, 0, 5, 3, 4, 4
@@ -29,19 +28,19 @@ def flight_as_json(flight: Flight, most: int = MOST_SAMPLES, has_frames: bool = 
         "moon": _path(flight.moon),
         "target": _path(flight.target),
         "n_samples": n_samples,
-        "world": _world(flight.world),
+        "world": _world(flight),
     }
     return sent if has_frames else _without_frames(sent)
 
 
-def _world(world: World) -> dict[str, Any]:
+def _world(flight: Flight) -> dict[str, Any]:
     """Return the names of the centre and of the main body, its mean distance and its radius [km]."""
-    main = world.bodies[0] if world.bodies else None
+    world = flight.world
     return {
         "center": world.center.title,
-        "main": main.title if main else "target",
+        "main": flight.main,
         "length_km": world.units.lu_km,
-        "main_radius_km": main.radius_km if main else 0.0,
+        "main_radius_km": world.bodies[0].radius_km if world.bodies else 0.0,
     }
 
 

@@ -18,6 +18,7 @@ from core.analysis.campaign_statistics import (
     summarize,
 )
 from core.analysis.metrics import Ratio, Spread, feasibility_ratio, spread
+from core.world import World, world_of
 from service.report.beside import Beside
 from service.report.page import Section
 from service.report.plots import (
@@ -51,6 +52,8 @@ class Groups:
     summaries: Mapping[Key, Summary]
     #: Published values to show beside them.
     beside: Beside
+    #: In which the campaign's problems fly.
+    world: World
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +92,7 @@ def groups_of(facts: CampaignFacts, beside: Beside) -> Groups:
     findings = findings_of(facts)
     solves = _by_strategy(facts.solves)
     summaries = {key: replace(summarize(findings, group), strategy=key[0]) for key, group in solves.items()}
-    return Groups(findings, solves, summaries, beside)
+    return Groups(findings, solves, summaries, beside, world_of(facts.problem))
 
 
 def label_of(strategy: str, mapping: str | None) -> str:
@@ -137,8 +140,9 @@ def strategies_section(groups: Groups) -> Section:
         "strategies",
         "Feasibility and time",
         (
-            "Every solve started counts as a guess, failures included. The loose tolerance is 1 km, 100 m/s "
-            "and 1 kg, the strict one 0.1 km, 0.1 m/s and 10 g; an independent propagation checks both.",
+            "Every solve started counts as a guess, failures included. The loose tolerance is "
+            f"{groups.world.loose}, the strict one {groups.world.strict}; an independent propagation checks "
+            "both.",
         ),
         tuple(tables),
         tuple(groups.beside.join_chart(chart, found).picture() for chart in charts),

@@ -6,8 +6,6 @@ import { LEVELS } from "./looks.js";
 
 /** @import { CertificateContent, CertificateDocument, CertifiedApproach, CertifiedTrajectory } from "../types" */
 
-const HEAD = ["Trajectory", "Miss at arrival", "Lowest above the Earth", "Lowest above the Moon", "Propellant", "Final mass"];
-
 /**
  * @param {HTMLElement} place
  * @param {CertificateDocument | null} found
@@ -31,7 +29,7 @@ export function showCertificate(place, found, id) {
 
 /** @param {CertificateContent} content */
 function pill({ is_sound: isSound, is_marginal: isMarginal, level }) {
-  const words = isSound && level !== "none" ? `sound, ${LEVELS[level].name}` : "not sound";
+  const words = isSound && level !== "none" ? `sound, ${LEVELS[level]}` : "not sound";
   return el("span", { class: "pill", "data-verdict": isSound ? level : "none" }, isMarginal ? `${words}, marginal` : words);
 }
 
@@ -39,11 +37,11 @@ function pill({ is_sound: isSound, is_marginal: isMarginal, level }) {
 function words(found) {
   const { min_altitude_km: least, min_altitudes_km: each } = found.content;
   const limits = Object.entries(each ?? {}).map(([body, km]) => `${number(km, 0, "km")} above the ${body}`);
-  const limit = limits.join(" and ") || number(least, 0, "km");
+  const limit = limits.join(" and ") || (least > 0 && number(least, 0, "km"));
   const again = found.checked_at === found.made_at ? "" : `, confirmed ${found.checked_at.slice(0, 10)}`;
   return (
     "Miss: distance from the target at arrival when a trajectory is propagated from the departure without any correction. " +
-    `Approaches below ${limit} are marked.${third(found.content)} Made ${found.made_at.slice(0, 10)} on ${found.made_on}` +
+    `${limit ? `Approaches below ${limit} are marked.` : ""}${third(found.content)} Made ${found.made_at.slice(0, 10)} on ${found.made_on}` +
     `${again}${found.is_from_elsewhere ? "; imported from there, and not confirmed here" : ""}.`
   );
 }
@@ -57,13 +55,18 @@ function third({ third }) {
 
 /** @param {CertifiedTrajectory[]} trajectories */
 function table(trajectories) {
-  const head = el("thead", {}, el("tr", {}, HEAD.map((text, i) => el("th", { scope: "col", class: i ? "number" : null }, text))));
+  const bodies = [...new Set(trajectories.flatMap(({ closest }) => closest.map(({ body }) => body)))];
+  const titles = ["Trajectory", "Miss at arrival", ...bodies.map((body) => `Lowest above the ${body}`), "Propellant", "Final mass"];
+  const head = el("thead", {}, el("tr", {}, titles.map((text, i) => el("th", { scope: "col", class: i ? "number" : null }, text))));
   const caption = el("caption", { class: "visually-hidden" }, "Verification of each trajectory");
-  return el("table", {}, caption, head, el("tbody", {}, trajectories.map(row)));
+  return el("table", {}, caption, head, el("tbody", {}, trajectories.map((flown) => row(flown, bodies))));
 }
 
-/** @param {CertifiedTrajectory} flown */
-function row(flown) {
+/**
+ * @param {CertifiedTrajectory} flown
+ * @param {string[]} bodies
+ */
+function row(flown, bodies) {
   const { mass, through } = flown;
   const miss = through.failure || small(through.arrival_miss[0], "km");
   return el(
@@ -71,7 +74,7 @@ function row(flown) {
     {},
     el("th", { scope: "row" }, flown.name),
     el("td", { class: "number" }, miss),
-    ...["Earth", "Moon"].map((body) => lowest(flown.closest.find((one) => one.body === body))),
+    ...bodies.map((body) => lowest(flown.closest.find((one) => one.body === body))),
     el("td", { class: "number", title: `departs with ${number(mass.departure, 2, "kg")}` }, number(mass.before_outage + mass.segments, 2, "kg")),
     el("td", { class: "number", title: `${number(mass.spare, 2, "kg")} above the dry mass` }, number(mass.arrival, 2, "kg")),
   );

@@ -1,18 +1,18 @@
 /** Several solutions in one figure: trajectories in one of three frames; throttle and mass against time. */
 
-import { el } from "./dom.js";
+import { el, fill } from "./dom.js";
 import { axis, Figure, sampled, series } from "./figures.js";
 import { FRAMES, framesOf, LIT, NOWHERE, outageOf, pointsOf } from "./flight.js";
 import { shortId } from "./format.js";
-import { bodies, columns, line, proportions, sceneLayout } from "./scene.js";
+import { bodies, columns, inUnits, line, proportions, sceneLayout } from "./scene.js";
 import { colour } from "./theme.js";
 
 /**
  * @import { Flight, Frame, Point, Trajectory } from "./flight.js"
- * @import { RecordInFull } from "../types"
+ * @import { RecordInFull, WorldView } from "../types"
  */
 
-/** @typedef {{ id: string, record: RecordInFull, flight: Flight | null }} Side */
+/** @typedef {{ id: string, record: RecordInFull, world: WorldView, flight: Flight | null }} Side */
 
 /**
  * Return the look of a side by its place, since sides may be of the same strategy.
@@ -82,16 +82,17 @@ export class Overlay {
     const n = shown.reduce((sum, { days }) => sum + days.length, 0);
     const step = Math.max(1, Math.ceil(n / MOST_POINTS));
     const first = /** @type {Flight} */ (sides[0].flight);
+    framesOf(first.world).forEach(({ title }, i) => fill(/** @type {HTMLElement} */ (this.tabs.children[i]), title));
     const isNarrow = this.figure.plot.clientWidth < 500;
-    const traces = [
+    const traces = inUnits([
       ...bodies(first, frame),
       ...(frame === "rotating" ? [moon(first)] : []),
       line("Target orbit", pointsOf(first.target, frame), { color: colour("target"), width: 4 }),
       ...sides.flatMap((side, place) => shownTrajectories(side, hasRealizations).flatMap((trajectory, i) => arcs(trajectory, i, nameOf(side, place, isNarrow), lookOf(place).color, frame, step))),
-    ];
+    ], first.world);
     const note = framesOf(first.world).find(({ id }) => id === frame)?.note ?? "";
     const words = `${note} Thick: thrust; thin: coast; dotted: realizations; orange: outages. ${sampled(Math.ceil(n / step), n, "samples")}`;
-    const layout = { ...sceneLayout(frame, proportions(traces), this.figure.plot.clientWidth), showlegend: true };
+    const layout = { ...sceneLayout(frame, proportions(traces), this.figure.plot.clientWidth, first.world), showlegend: true };
     this.waiting.hidden = true;
     await this.figure.show(traces, layout, words);
     Object.assign(this.figure.plot.dataset, { frame, sides: sides.length, realizations: hasRealizations });

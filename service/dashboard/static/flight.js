@@ -46,7 +46,12 @@ function reach(lengthKm) {
   return (MOON_REACH_KM * lengthKm) / MOON_KM;
 }
 
-export const FRAMES = framesOf({ center: "Earth", main: "Moon", length_km: MOON_KM, main_radius_km: 1737.4 });
+/** What they are called until a flight tells what they are about. @type {{ id: Frame, title: string }[]} */
+export const FRAMES = [
+  { id: "rotating", title: "Rotating" },
+  { id: "inertial", title: "Inertial" },
+  { id: "moon", title: "Near the target" },
+];
 
 /** Below this throttle a segment is drawn as a coast. */
 export const LIT = 0.02;

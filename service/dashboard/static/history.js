@@ -128,7 +128,7 @@ function ratioTrace(strategies, level, ratioOf, shift) {
   return {
     type: "scatter",
     mode: "markers",
-    name: `${LEVELS[level].name}: ${LEVELS[level].bounds}`,
+    name: LEVELS[level],
     x: values,
     y: strategies.map((_, i) => i + shift),
     error_x: {

@@ -1,19 +1,42 @@
 /** Outcomes of solves and strategies: their words, colours and marks, the same on all pages. */
 
-import { el } from "./dom.js";
+import { get } from "./api.js";
+import { byId, el, fill } from "./dom.js";
 import { series } from "./figures.js";
-import { number } from "./format.js";
+import { number, small } from "./format.js";
 import { colour } from "./theme.js";
 
-/** @import { Outcomes } from "../types" */
+/** @import { Outcomes, ToleranceView, WorldView } from "../types" */
 
 /** @typedef {keyof Outcomes} Outcome */
 
-/** The tolerances of docs/method.md by level: what users call it, and its bounds. */
-export const LEVELS = {
-  strict: { name: "strict", bounds: "0.1 km, 0.1 m/s, 0.01 kg" },
-  paper: { name: "loose", bounds: "1 km, 100 m/s, 1 kg" },
-};
+/** What users call each tolerance. */
+export const LEVELS = { strict: "strict", paper: "loose" };
+
+/**
+ * Return the bounds of a tolerance.
+ * @param {ToleranceView} tolerance
+ */
+export function boundsOf({ position_km, velocity_km_s, mass_kg }) {
+  return `${position_km}\u00a0km, ${1e3 * velocity_km_s}\u00a0m/s, ${small(mass_kg, "kg")}`;
+}
+
+/**
+ * Say below the page what strict and loose are where its problems fly.
+ * @param {WorldView} world
+ */
+export function tellTolerances({ strict, loose }) {
+  const both = [el("em", {}, "Strict"), ` tolerance: ${boundsOf(strict)}; `, el("em", {}, "loose"), `: ${boundsOf(loose)}.`];
+  fill(byId("tolerances"), both);
+}
+
+/**
+ * Say it where the problems of some cases fly.
+ * @param {{ problem_hash: string }[]} cases
+ */
+export async function tellTolerancesOf([first]) {
+  if (first) tellTolerances((await get(`/problems/${first.problem_hash}`)).world);
+}
 
 /** Each solve is one of these; `colour` is a name of the style sheet. */
 export const OUTCOMES = /** @type {{ key: Outcome, words: string, colour: string }[]} */ ([

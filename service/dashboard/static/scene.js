@@ -3,7 +3,7 @@
 import { pointsOf } from "./flight.js";
 import { colour } from "./theme.js";
 
-/** @import { Flight, Frame, Point } from "./flight.js" */
+/** @import { Flight, Frame, Point, World } from "./flight.js" */
 
 const KM_PER_UNIT = 1000;
 
@@ -94,15 +94,33 @@ export function proportions(traces) {
   return { x: x / longest, y: y / longest, z: z / longest };
 }
 
+/** @param {World} world */
+function isWide({ length_km: length }) {
+  return length > 1e6;
+}
+
+/**
+ * Return traces in the unit of the axes: thousands of kilometres, about the Sun millions.
+ * @template {{ x: any, y: any, z: any }} T
+ * @param {T[]} traces
+ * @param {World} world
+ */
+export function inUnits(traces, world) {
+  if (!isWide(world)) return traces;
+  const less = (/** @type {(number | null)[]} */ values) => values.map((value) => (value === null ? null : value / 1000));
+  return traces.map((trace) => ({ ...trace, x: less(trace.x), y: less(trace.y), z: less(trace.z) }));
+}
+
 /**
  * @param {Frame} frame
  * @param {{ x: number, y: number, z: number }} aspectratio
  * @param {number} width of the figure [px]
+ * @param {World} world
  */
-export function sceneLayout(frame, aspectratio, width) {
+export function sceneLayout(frame, aspectratio, width, world) {
   const axis = (/** @type {string} */ title, ticks = 6) => ({
     nticks: ticks,
-    title: { text: `${title} [10³ km]`, font: { size: 11 } },
+    title: { text: `${title} [${isWide(world) ? "10⁶" : "10³"} km]`, font: { size: 11 } },
     tickfont: { size: 10 },
     gridcolor: colour("line"),
     zeroline: false,

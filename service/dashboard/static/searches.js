@@ -99,7 +99,7 @@ function ratio(search) {
   if (share === null) return el("span", { class: "muted" }, NONE);
   return el(
     "span",
-    { class: "ratio", title: "Verified independently to 0.1 km, 0.1 m/s and 0.01 kg; 95 % Wilson interval" },
+    { class: "ratio", title: "Verified independently to the strict tolerance; 95 % Wilson interval" },
     el("strong", {}, percent(share)),
     el(
       "span",

@@ -3,7 +3,7 @@
 import { Figure, plotly, sampled } from "./figures.js";
 import { distance, framesOf, LIT, lookOf, nameOf, NOWHERE, placeAt, pointsOf, spacecraftAt } from "./flight.js";
 import { number } from "./format.js";
-import { bodies, columns, line, proportions, sceneLayout } from "./scene.js";
+import { bodies, columns, inUnits, line, proportions, sceneLayout } from "./scene.js";
 import { colour } from "./theme.js";
 
 /** @import { Flight, Frame, Point, Trajectory, World } from "./flight.js" */
@@ -30,15 +30,15 @@ export class TrajectoryFigure {
    */
   async show(flight, frame, hidden, day) {
     [this.flight, this.frame, this.hidden] = [flight, frame, hidden];
-    const traces = [
+    const traces = inUnits([
       ...bodies(flight, frame),
       line("Target orbit", pointsOf(flight.target, frame), { color: colour("target"), width: 4 }),
       ...flight.trajectories.flatMap((trajectory, index) => (hidden.has(index) ? [] : arcTraces(trajectory, index, frame, flight.world))),
       ...this.moving(day),
-    ];
+    ], flight.world);
     const n = flight.trajectories.reduce((sum, { days }) => sum + days.length, 0);
     const note = framesOf(flight.world).find(({ id }) => id === frame)?.note ?? "";
-    const layout = sceneLayout(frame, proportions(traces), this.plot.clientWidth);
+    const layout = sceneLayout(frame, proportions(traces), this.plot.clientWidth, flight.world);
     await this.figure.show(traces, layout, `${note} ${sampled(n, flight.n_samples, "samples")}`);
     this.plot.dataset.frame = frame;
   }
@@ -101,7 +101,7 @@ export class TrajectoryFigure {
     if (this.isMoving || !this.flight || !this.plot.dataset.drawn) return false;
     this.isMoving = true;
     const { moon, craft } = this.places(day);
-    const [first, second] = [columns([moon]), columns(craft)];
+    const [first, second] = inUnits([columns([moon]), columns(craft)], this.flight.world);
     const n = /** @type {any} */ (this.plot).data.length;
     const change = { x: [first.x, second.x], y: [first.y, second.y], z: [first.z, second.z] };
     await (await plotly()).restyle(this.plot, change, [n - 2, n - 1]);

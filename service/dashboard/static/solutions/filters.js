@@ -130,7 +130,7 @@ export class Filters {
       select("k", "k, outages survived", plain(choices.k), filter),
       select("segment", "Outage at segment", plain(choices.segments), filter),
       select("duration_days", "Outage lasts", days, filter),
-      select("tolerance", "Verified to", Object.entries(LEVELS).map(([key, { name, bounds }]) => [key, `${name}: ${bounds}`]), filter),
+      select("tolerance", "Verified to", Object.entries(LEVELS), filter),
     ];
   }
 

@@ -126,6 +126,9 @@ export class Listing {
     const { sort, descending } = this.order;
     this.table.sort = { key: sort, descending };
     this.following = page.next;
+    // Far from the Moon there is nothing to tell of it.
+    const isNear = page.items.some((record) => record.moon_altitude_km !== null);
+    this.table.columns = columns(this.choice).filter(({ key }) => isNear || key !== "moon_altitude_km");
     this.table.show(page.items);
     const isFirst = !parameter("after") && !parameter("begin");
     byId("first").toggleAttribute("disabled", isFirst);

@@ -5,6 +5,7 @@ import { askRequeue, askWeight, campaignControls, exportLink, mayControl, sessio
 import { byId, el, fill } from "../dom.js";
 import { duration, NONE, number } from "../format.js";
 import { BestSoFar, Boxes, Feasibility, OutcomeMix, showChains } from "../history.js";
+import { tellTolerancesOf } from "../looks.js";
 import { facts, Page, pathPart, showEmpty, showFacts, showTitle } from "../page.js";
 import { showSearches } from "../searches.js";
 import { Table } from "../table.js";
@@ -46,6 +47,7 @@ async function refresh() {
   showEmpty();
   showHead(campaign);
   showSearches(id, campaign.searches, mayChange ? (search) => askWeight(id, search, changed) : null);
+  if (!shown) await tellTolerancesOf(campaign.searches[0]?.cases ?? []);
   await showJobs(campaign);
   const history = await asked;
   showReading(history);

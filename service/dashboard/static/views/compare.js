@@ -5,7 +5,7 @@ import { lookOf, Overlay, Profiles } from "../compare_figures.js";
 import { byId, el, fill } from "../dom.js";
 import { FRAMES } from "../flight.js";
 import { date, epoch, number, outages, shortId, small } from "../format.js";
-import { LEVELS } from "../looks.js";
+import { boundsOf, LEVELS } from "../looks.js";
 import { Page, parameter, setParameters, showEmpty, showTitle } from "../page.js";
 import { idsOfAddress, MOST } from "../solutions/tables.js";
 
@@ -13,10 +13,10 @@ import { idsOfAddress, MOST } from "../solutions/tables.js";
  * @import { Side } from "../compare_figures.js"
  * @import { Child } from "../dom.js"
  * @import { Frame } from "../flight.js"
- * @import { RecordInFull } from "../../types"
+ * @import { ProblemView, RecordInFull, WorldView } from "../../types"
  */
 
-/** @typedef {{ title: string, unit?: string, value?: (r: RecordInFull) => number, most?: boolean, digits?: number, text?: (r: RecordInFull) => Child }} Row */
+/** @typedef {{ title: string, unit?: string, value?: (r: RecordInFull) => number, most?: boolean, digits?: number, text?: (r: RecordInFull, world: WorldView) => Child }} Row */
 
 /** @type {Row[]} With `value` the least is the best, or with `most` the most. */
 const ROWS = [
@@ -75,8 +75,8 @@ function line(row, sides) {
   const values = value ? sides.map(({ record }) => value(record)) : [];
   const best = row.most ? Math.max(...values) : Math.min(...values);
   const differs = values.some((one) => one !== values[0]);
-  const cells = sides.map(({ record }, i) => {
-    if (row.text) return el("td", {}, row.text(record));
+  const cells = sides.map(({ record, world }, i) => {
+    if (row.text) return el("td", {}, row.text(record, world));
     const isBest = differs && values[i] === best;
     const gap = values[i] - best;
     const more = differs && !isBest && el("small", { class: "muted" }, ` ${gap > 0 ? "+" : "−"}${number(Math.abs(gap), row.digits ?? 0)}`);
@@ -85,11 +85,14 @@ function line(row, sides) {
   return el("tr", {}, el("th", { scope: "row" }, row.title, row.unit && el("small", {}, ` ${row.unit}`)), cells);
 }
 
-/** @param {RecordInFull} record */
-function verifiedTo({ strict, paper }) {
+/**
+ * @param {RecordInFull} record
+ * @param {WorldView} world
+ */
+function verifiedTo({ strict, paper }, world) {
   if (!strict && !paper) return "–";
-  const { name, bounds } = strict ? LEVELS.strict : LEVELS.paper;
-  return `${name} tolerance: ${bounds}`;
+  const [name, bounds] = strict ? [LEVELS.strict, world.strict] : [LEVELS.paper, world.loose];
+  return `${name} tolerance: ${boundsOf(bounds)}`;
 }
 
 /**
@@ -140,7 +143,9 @@ async function side(id) {
   /** @type {RecordInFull | null} */
   const record = await find(`/solutions/${id}`);
   if (!record) return null;
-  const read = { id, record, flight: null };
+  /** @type {ProblemView} */
+  const { world } = await get(`/problems/${record.problem_hash}`);
+  const read = { id, record, world, flight: null };
   known.set(id, read);
   return read;
 }

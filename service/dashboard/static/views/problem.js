@@ -3,13 +3,14 @@
 import { find, get } from "../api.js";
 import { byId, el, fill } from "../dom.js";
 import { counted, epoch, number, outages, shortId } from "../format.js";
+import { boundsOf, tellTolerances } from "../looks.js";
 import { facts, Page, pathPart, showEmpty, showFacts, showTitle } from "../page.js";
 import { ChanceFigures, OutageFigure, SparsityFigure } from "../problem_figures.js";
 import { Table } from "../table.js";
 
 /**
  * @import { Column } from "../table.js"
- * @import { BestSolution, EventView, ProblemFamily, ProblemStructure, ProblemView, Relative } from "../../types"
+ * @import { BestSolution, EventView, ProblemFamily, ProblemStructure, ProblemView, Relative, WorldView } from "../../types"
  */
 
 /** @typedef {[string, string]} Fact */
@@ -28,11 +29,12 @@ export function spacecraftFacts({ spacecraft }) {
 }
 
 /**
- * @param {any} definition
+ * @param {ProblemView} problem
  * @param {ProblemStructure} structure
  * @returns {Fact[]}
  */
-export function departureFacts({ departure }, structure) {
+export function departureFacts({ definition, world }, structure) {
+  const departure = /** @type {any} */ (definition.departure);
   const common = /** @type {Fact[]} */ ([
     ["Transfer begins", epoch(structure.departure_epoch)],
     ["Mass at departure", number(structure.departure_mass_kg, 1, "kg")],
@@ -50,7 +52,7 @@ export function departureFacts({ departure }, structure) {
   }
   const vector = (/** @type {number[]} */ v, /** @type {number} */ digits, /** @type {string} */ unit) => `(${v.map((value) => number(value, digits)).join(", ")}) ${unit}`;
   return [
-    ["From", "a state, geocentric J2000"],
+    ["From", `a state, ${world.center === "Earth" ? "geocentric" : "heliocentric"} J2000`],
     ...common,
     ["Position", vector(departure.position_km, 0, "km")],
     ["Velocity", vector(departure.velocity_km_s, 4, "km/s")],
@@ -67,6 +69,20 @@ export function targetFacts({ target }) {
     ["To", "the near-rectilinear halo orbit (NRHO) of the Moon"],
     ["Period", number(target.period_days, 4, "d")],
     ["Perilune near", epoch(target.perilune_epoch)],
+  ];
+}
+
+/**
+ * @param {WorldView} world
+ * @returns {Fact[]}
+ */
+export function worldFacts({ center, bodies, length_km, time_days, mass_kg, strict, loose }) {
+  return [
+    ["Centre", center],
+    ["Other bodies that pull", bodies.join(", ") || "none"],
+    ["Units of the numerics", `${number(length_km, 0, "km")}, ${number(time_days, 3, "d")}, ${number(mass_kg, 0, "kg")}`],
+    ["Strict tolerance", boundsOf(strict)],
+    ["Loose tolerance", boundsOf(loose)],
   ];
 }
 
@@ -154,6 +170,8 @@ function showProblem() {
   fill(byId("spacecraft"), facts(spacecraftFacts(definition)));
   fill(byId("target"), facts(targetFacts(definition)));
   fill(byId("bounds"), facts(boundFacts(definition)));
+  fill(byId("world"), facts(worldFacts(problem.world)));
+  tellTolerances(problem.world);
 }
 
 function showSizes() {
@@ -170,7 +188,7 @@ function showSizes() {
 function showStructure() {
   const { definition } = problem;
   showSizes();
-  fill(byId("departure"), facts(departureFacts(definition, structure)));
+  fill(byId("departure"), facts(departureFacts(problem, structure)));
   timeline.show(structure.trajectories, problem.n_segments, String(definition.segmentation));
   sparsity.show(structure);
 }

@@ -7,7 +7,7 @@ import { sampled } from "../figures.js";
 import { duration, NONE, number, outages, percent, shortId } from "../format.js";
 import { HopGrid } from "../hop_grid.js";
 import { lawFacts, ReachFigure } from "../hop_laws.js";
-import { ofPlanned, outcomeBar, outcomeList } from "../looks.js";
+import { ofPlanned, outcomeBar, outcomeList, tellTolerancesOf } from "../looks.js";
 import { facts, Page, pathPart, showEmpty, showFacts, showTitle } from "../page.js";
 import { ChainTable, SeedTable, YieldFigure, yieldsOf } from "../seeds_and_chains.js";
 import { DeltaVFigure, TimeFigure, ViolationFigure } from "../solve_figures.js";
@@ -61,6 +61,7 @@ async function refresh(events, isAll) {
     if (!(error instanceof ApiError) || ![404, 422].includes(error.status)) throw error;
     return showMissing(error.message);
   }
+  if (!shown) await tellTolerancesOf(search.cases);
   shown = search;
   showHead(search);
   await asked;

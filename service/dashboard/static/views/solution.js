@@ -8,6 +8,7 @@ import { dateOf } from "../flight.js";
 import { FlightView } from "../flight_view.js";
 import { epoch, number, outages, shortId } from "../format.js";
 import { LineageFigure } from "../lineage.js";
+import { tellTolerances } from "../looks.js";
 import { MissedThrustFigure } from "../missed_thrust.js";
 import { facts, Page, pathPart, showEmpty, showFacts, showTitle } from "../page.js";
 
@@ -133,6 +134,7 @@ function showRecord(world) {
   const { strategy } = record;
   showTitle(`${strategy}, ${outages(record.outages)}`, [["Archive", "/archive"], [`Campaign ${record.campaign_id}`, `/campaigns/${record.campaign_id}`]]);
   fill(byId("verdict"), ...verdict());
+  tellTolerances(world);
   showFacts([
     ["Δv of the transfer", number(record.delta_v_km_s, 4, "km/s")],
     ["Δv with the spiral", number(record.delta_v_total_km_s, 4, "km/s")],
@@ -140,7 +142,7 @@ function showRecord(world) {
     ["Final mass", number(record.objective_kg, 1, "kg")],
     ["Time of flight", number(record.time_of_flight_days, 2, "d")],
     ["Coast, thrust, coast", `${[record.initial_coast_days, record.shooting_days, record.final_coast_days].map((d) => number(d, 1)).join(" + ")}\u00a0d`],
-    ["Lowest above Earth, Moon", lowest()],
+    lowest(world),
     ["Insertion", epoch(record.insertion_epoch)],
     ["Arrival", epoch(record.arrival_epoch)],
   ]);
@@ -156,10 +158,15 @@ function verdict() {
   return [el("span", { class: "pill", "data-verdict": kind }, words), el("code", { id: "solution-id", title: record.id }, shortId(record.id))];
 }
 
-function lowest() {
-  const altitudes = [record.earth_altitude_km, record.moon_altitude_km];
+/**
+ * @param {WorldView} world
+ * @returns {[string, string]}
+ */
+function lowest({ center, bodies }) {
   // Solutions of earlier versions have no altitudes.
-  return altitudes.map((km) => (km === null ? "–" : number(km, 0, "km"))).join(", ");
+  const known = /** @type {Record<string, number> | undefined} */ (record.verification.lowest_km);
+  const names = known ? Object.keys(known) : [center, ...bodies.slice(0, 1)];
+  return [`Lowest above ${names.join(", ")}`, names.map((name) => (known ? number(known[name], 0, "km") : "–")).join(", ")];
 }
 
 /** @returns {[string, Child][]} */
