@@ -80,7 +80,7 @@ def _resolve(loc: Iterable[Any], model: Any) -> tuple[list[str], list[str]]:
         if tagged:
             models = tagged
             continue
-        path.append(_printable(str(part)))
+        path.append(printable(str(part)))
         if isinstance(part, int):
             continue
         known = _fields(models[0]) if models else {}
@@ -136,10 +136,10 @@ def _preview(value: Any) -> str:
         text = repr(value)
     except ValueError:
         return "an integer of thousands of digits"
-    return _printable(text)
+    return printable(text)
 
 
-def _printable(text: str) -> str:
+def printable(text: str) -> str:
     """Return a text truncated, and escaped where UTF-8 cannot encode it."""
     shown = text if len(text) <= SHOWN else f"{text[:SHOWN]}..."
     return shown.encode("utf-8", "backslashreplace").decode()

@@ -14,6 +14,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from core.errors import printable
+
 
 def content_hash(content: Any) -> str:
     """Return the blake2b-128 hash of nested plain data: keys sorted, floats in hexadecimal."""
@@ -36,6 +38,10 @@ def canonical(content: Any) -> Any:
     return content.hex() if isinstance(content, float) else content
 
 
+#: Longest path that is shown in full: SPICE takes one byte more than that.
+_LONGEST_SHOWN = 254
+
+
 def kernel_file(path: Path, digest: str | None) -> tuple[Path, str]:
     """Return the absolute path of a kernel that a user names, and the digest of its content.
 
@@ -44,14 +50,16 @@ def kernel_file(path: Path, digest: str | None) -> tuple[Path, str]:
     ValueError
         When it cannot be read, or has another digest than the one given.
     """
+    text = str(path)
+    named = text if text.isprintable() and len(text) <= _LONGEST_SHOWN else printable(repr(text))
     try:
         if not path.is_file():
-            raise ValueError(f"expected an SPK file, got {path}, which is not a file")
+            raise ValueError(f"expected an SPK file, got {named}, which is not a file")
         # Jobs run in another working directory.
         absolute = path.resolve()
         found = file_digest(absolute)
     except OSError as error:
-        raise ValueError(f"expected an SPK file, got {path}: {error.strerror}") from error
+        raise ValueError(f"expected an SPK file, got {named}: {error.strerror}") from error
     if digest not in (None, found):
         raise ValueError(
             f"expected the SPK file with digest {digest}, got {absolute} with {found}; "

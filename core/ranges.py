@@ -79,13 +79,8 @@ def _out_of_place(problem: "Problem") -> Iterator[str]:
     if slips and slips[-1].endswith(_OTHER_CENTER):
         # What else is strange follows from it.
         return
-    for body in (world.center, *world.bodies):
-        least, most = (BODIES[body.name].gm_km3_s2 * times for times in (1.0 / MOST_TIMES_GM, MOST_TIMES_GM))
-        if not least <= body.gm_km3_s2 <= most:
-            yield (
-                f"world.gm_km3_s2: expected {least:.4g} to {most:.4g} km^3/s^2 for {body.name}, got "
-                f"{body.gm_km3_s2:g}; in m^3/s^2, or not in the order of the centre and then bodies?"
-            )
+    if slip := _gm_slip(world):
+        yield slip
     if target.kind == "spk" and target.naif_id in _pulling(problem, world):
         yield (
             f"target.naif_id: expected a spacecraft or a body that does not pull here, got {target.naif_id}, "
@@ -97,6 +92,18 @@ def _out_of_place(problem: "Problem") -> Iterator[str]:
             f"bounds: expected a latest arrival within {LATEST_ARRIVAL_DAYS:g} days of the departure, "
             f"got {problem.latest_arrival_days:g}; in hours or seconds?"
         )
+
+
+def _gm_slip(world: World) -> str | None:
+    """Return what is wrong with the first gravitational parameter that is."""
+    for body in (world.center, *world.bodies):
+        least, most = (BODIES[body.name].gm_km3_s2 * times for times in (1.0 / MOST_TIMES_GM, MOST_TIMES_GM))
+        if not least <= body.gm_km3_s2 <= most:
+            return (
+                f"world.gm_km3_s2: expected {least:.4g} to {most:.4g} km^3/s^2 for {body.name}, got "
+                f"{body.gm_km3_s2:g}; in m^3/s^2, or not in the order of the centre and then bodies?"
+            )
+    return None
 
 
 def _off_center(problem: "Problem", world: World) -> Iterator[str]:

@@ -96,6 +96,8 @@ def _furnish_once(pid: int, path: Path) -> None:
 def _furnish_first(path: Path) -> None:
     """Load a kernel in front of all others: SPICE uses the last one loaded of those with the same id."""
     _check_file(path)
+    if _is_always_loaded(path):
+        return
     name, facts = spice_name(path), path.stat()
     content = (facts.st_ino, facts.st_mtime_ns, facts.st_size)
     loaded = spiceypy.ktotal("SPK")
@@ -124,11 +126,19 @@ def loaded(path: Path | None) -> Iterator[None]:
         # DE440 first: loaded within the block it would be in front.
         furnish()
         _check_file(path)
+        if _is_always_loaded(path):
+            yield
+            return
         _load(path)
         try:
             yield
         finally:
             _unload(path)
+
+
+def _is_always_loaded(path: Path) -> bool:
+    """Return whether a file is one of ours, which nothing may unload: the planets are targets, too."""
+    return any(path.samefile(one) for one in kernel_paths())
 
 
 def _load(path: Path) -> None:

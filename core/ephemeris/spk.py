@@ -421,6 +421,11 @@ def check_world(world: World, start_et: float, stop_et: float) -> None:
     _check_content(world, digest, start_et, stop_et)
 
 
+def bodies_of(kernel: Path) -> frozenset[int]:
+    """Return the identifiers of what a kernel that `check_world` has passed holds."""
+    return frozenset(segment.body for segment in segments_of(kernel, "world.kernel"))
+
+
 def _role(world: World) -> str:
     return f"world.kernel {world.kernel}"
 

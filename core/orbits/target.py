@@ -26,7 +26,15 @@ from core.dynamics import force_model
 from core.ephemeris import EphemerisTable, body_table, one_at_a_time
 from core.ephemeris.daf import SpkError
 from core.ephemeris.kernels import KernelError, spice_name
-from core.ephemeris.spk import ChebyshevOrbit, check_coverage, check_world, orbit_of, read_orbit, write_orbit
+from core.ephemeris.spk import (
+    ChebyshevOrbit,
+    bodies_of,
+    check_coverage,
+    check_world,
+    orbit_of,
+    read_orbit,
+    write_orbit,
+)
 from core.ephemeris.tables import coefficients_through, record_nodes
 from core.epochs import seconds_past_j2000
 from core.orbits.nrho import PatchedOrbit, margin_days, nrho
@@ -80,6 +88,11 @@ def _given_orbit(
     """Return the orbit of a user's kernel after validating the kernel, and that of the world."""
     span = tuple(departure_et + days * SECONDS_PER_DAY for days in (start, stop))
     check_world(world, *span)
+    if world.kernel is not None and target.naif_id in bodies_of(world.kernel):
+        raise SpkError(
+            f"world.kernel {world.kernel}: expected the bodies that pull alone, got the target "
+            f"{target.naif_id} among them, which comes from its own file; take it out with NAIF's spkmerge"
+        )
     spice_name(target.path)
     digest = target.digest_now()
     if target.digest not in (None, digest):

@@ -19,9 +19,10 @@ from rich.table import Table
 from threadpoolctl import threadpool_limits
 
 from core.nlp import SolveSettings
-from core.problem import load_problem
+from core.problem import Problem, load_problem
 from service.cli import terminal
 from service.cli.options import Json
+from service.spec.spec_check import require_flyable
 from workers.executor import Executor, ProcessPool
 from workers.measure_chains import (
     ChainPlan,
@@ -71,6 +72,13 @@ def user_errors() -> Iterator[None]:
     except ValueError as error:
         typer.echo(f"error: {error}", err=True)
         raise typer.Exit(2) from error
+
+
+def _flyable(path_or_preset: str) -> Problem:
+    """Return a problem whose departure, target and world can be made: workers would all find out."""
+    problem = load_problem(path_or_preset)
+    require_flyable(problem, "problem")
+    return problem
 
 
 def require_folders(**files: Path | None) -> None:
@@ -353,7 +361,7 @@ def solve(
     with user_errors():
         require_folders(json=json_file, save=save)
         limits = SolveSettings(cpu_seconds, max_iterations)
-        found = SolveReport(GuessPlan(load_problem(problem), guesses, rng_seed, law, limits), workers)
+        found = SolveReport(GuessPlan(_flyable(problem), guesses, rng_seed, law, limits), workers)
         ledger = Ledger(json_file, found.content)
     is_partial = run_until_interrupted(found, ledger, workers, warm_up, solve_guesses)
     if save is not None:
@@ -460,7 +468,7 @@ def chain(
         if seeds is not None:
             given = tuple(distinct(read_solutions(seeds))[:limit])
         else:
-            search = GuessPlan(load_problem(problem), 100 * N_SEEDS, rng_seed, law, limits)
+            search = GuessPlan(_flyable(problem), 100 * N_SEEDS, rng_seed, law, limits)
             given = _find_seeds(search, limit or N_SEEDS, workers, save_seeds)
         found = ChainReport(ChainPlan(given, wanted, mappings, duration_days, limits), workers)
         ledger = Ledger(json_file, found.content)

@@ -12,6 +12,7 @@ import spiceypy
 
 from core.ephemeris import KernelError, furnish, kernels
 from core.ephemeris.daf import SpkError, segments_of
+from core.ephemeris.kernels import loaded, planetary_kernel
 from core.ephemeris.spk import ChebyshevOrbit, check_coverage, new_spk, orbit_of, read_orbit, write_orbit
 
 BODY, SPAN = -31415, (0.0, 20 * 86400.0)
@@ -137,6 +138,15 @@ def test_a_path_that_spice_would_take_for_another_is_refused(tmp_path):
         path = kernel(tmp_path / "a.bsp").replace(tmp_path / name)
         with pytest.raises(KernelError, match="printable letters without blanks at its ends, got"):
             furnish(path)
+
+
+def test_the_planets_stay_loaded_where_they_are_a_target_or_the_bodies_of_a_world(tmp_path):
+    with loaded(planetary_kernel().resolve()):
+        spiceypy.spkgps(301, 0.0, "J2000", 399)
+    furnish(planetary_kernel())
+    for n in range(20):
+        furnish(kernel(tmp_path / f"{n}.bsp"))
+    spiceypy.spkgps(301, 0.0, "J2000", 399)
 
 
 def test_kernels_do_not_pile_up(tmp_path):
