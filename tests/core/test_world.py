@@ -355,6 +355,25 @@ def test_a_kernel_that_cannot_place_the_bodies_is_refused_in_one_line(kernel, me
     assert "\n" not in str(refused.value)
 
 
+def test_a_target_in_the_kernel_of_the_world_is_refused(tmp_path):
+    fields = on_circles(tmp_path)
+    with new_spk(tmp_path / "moon.bsp", "both") as handle:
+        et = np.append(np.arange(SPAN[0], SPAN[1] - 1.0, 10800.0), SPAN[1])
+        for body in (301, -77):
+            states = circle(et, 384400.0, 27.3)
+            spiceypy.spkw13(handle, body, 399, "J2000", *SPAN, "circle", 7, len(et), states, et)
+    with pytest.raises(SpkError, match=r"got the target -77 among them, which comes from its own file; take"):
+        target_kernel(problem_from(fields))
+
+
+def test_a_path_that_is_no_text_is_shown_escaped_and_in_short():
+    for name, shown in (("\0.bsp", r"'\\x00\.bsp'"), ("x" * 5000, r"'x{79}\.\.\.")):
+        with pytest.raises(
+            ProblemError, match=rf"^problem\.world\.kernel: expected an SPK file, got {shown}"
+        ):
+            problem_from({"preset": "earth-mars", "world": {"bodies": ["VENUS"], "kernel": name}})
+
+
 @pytest.mark.parametrize("share", [0.0, 0.5])
 def test_a_kernel_that_is_none_or_cut_off_is_refused(share, tmp_path):
     fields = on_circles(tmp_path)
