@@ -29,6 +29,7 @@ from core.export import (
 from core.export.spk import FIRST_ID, body_id
 from core.export.states import tdb_texts
 from core.problem import problem_from
+from core.world import World, world_of
 from service.schemas.solution import RecordWithVector
 
 #: Of every entry of a ZIP: when it was made is not what it says.
@@ -102,9 +103,10 @@ def export_solution(
         When there is no such trajectory, or one cannot be written down.
     """
     numbers = _numbers(wanted.trajectory, record.k)
-    flown = export_states(problem_from(definition), np.array(record.x))
+    problem = problem_from(definition)
+    flown = export_states(problem, np.array(record.x))
     chosen = [flown[number] for number in numbers]
-    content, media = _Writer(record, wanted, created).content(chosen)
+    content, media = _Writer(record, wanted, created, world_of(problem)).content(chosen)
     ending = "zip" if media == ZIP else _ENDINGS[wanted.format]
     return ExportedFile(
         name=f"{_stem(record, wanted.trajectory)}.{ending}",
@@ -142,6 +144,7 @@ class _Writer:
     record: RecordWithVector
     wanted: Wanted
     created: str
+    world: World
 
     def content(self, chosen: Sequence[ExportedTrajectory]) -> tuple[Iterator[bytes], str]:
         """Return a file, and the type of its content."""
@@ -157,7 +160,7 @@ class _Writer:
         return iter([self._zip(chosen)]), ZIP
 
     def _about(self, chosen: Sequence[ExportedTrajectory]) -> list[str]:
-        return _about(self.record, chosen, self.wanted.first_id)
+        return _about(self.record, chosen, self.wanted.first_id, self.world)
 
     def _message(self, trajectory: ExportedTrajectory) -> Iterator[str]:
         key = str(body_id(trajectory.index, self.wanted.first_id))
@@ -185,10 +188,13 @@ def _encode(lines: Iterable[str]) -> Iterator[bytes]:
     return (line.encode() for line in lines)
 
 
-def _about(record: RecordWithVector, chosen: Sequence[ExportedTrajectory], first_id: int) -> list[str]:
+def _about(
+    record: RecordWithVector, chosen: Sequence[ExportedTrajectory], first_id: int, world: World
+) -> list[str]:
     """Return lines of ASCII that say what a file is, where it comes from and how it is meant."""
     departure = tdb_texts(np.array([chosen[0].start_et]))[0]
     level = "strict" if record.strict else "paper"
+    own = f"bodies where a kernel with BLAKE2b digest {world.digest} has them" if world.kernel else None
     return [
         f"states and controls of solution {record.id}, made by coastarc",
         f"problem {record.problem_hash} with k = {record.k}; found by search {_ascii(record.search)}, "
@@ -197,6 +203,7 @@ def _about(record: RecordWithVector, chosen: Sequence[ExportedTrajectory], first
         f"units: km, km/s, kg, rad, N, days; time scale TDB; departure epoch {departure} TDB",
         "angles: azimuth in the xy-plane and elevation above it; a sample where two arcs meet stands in both",
         f"kernel de440.bsp with MD5 {KERNEL_MD5}; leap seconds of {kernel_paths()[1].name}",
+        *([own] if own else []),
         f"certified at the {level} tolerance by an independent integrator; at a matchpoint the states jump",
         "by the defect, and the later arc holds; a realization flies the reference until its outage",
         *_trajectory_lines(record, chosen, first_id),

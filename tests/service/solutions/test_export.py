@@ -13,10 +13,13 @@ import spiceypy
 import typer.main
 from oem import OrbitEphemerisMessage
 
-from core.problem import ProblemError, load_problem
+from core.problem import ProblemError, load_problem, problem_from
+from core.transcription import transcribe
 from service import cli
 from service.cli.options import console
 from service.schemas.solution import Filter
+from service.solutions.export import ExportFormat, Wanted, export_solution
+from tests.core.test_world import on_circles, random_point
 
 API = "/api/v1"
 ROOT = Path(__file__).parents[3]
@@ -49,6 +52,17 @@ def comment_of(path):
     _, lines, _ = spiceypy.dafec(handle, 100, 300)
     spiceypy.dafcls(handle)
     return [line.rstrip() for line in lines]
+
+
+def test_a_file_says_which_kernel_had_the_bodies_of_a_world_of_its_own(robust, tmp_path):
+    problem = problem_from(on_circles(tmp_path) | {"outages": [{"segment": 4, "duration_days": 1.0}]})
+    record = robust.model_copy(update={"x": random_point(transcribe(problem), 5).tolist()})
+    wanted = Wanted(ExportFormat.CSV, "reference")
+    made = export_solution(record, problem.model_dump(mode="json"), wanted, "2026-01-01")
+    assert (
+        f"bodies where a kernel with BLAKE2b digest {problem.world.digest} has them"
+        in next(made.content).decode()
+    )
 
 
 def test_a_kernel_names_its_bodies_and_says_where_it_comes_from(coastarc, robust, tmp_path):
