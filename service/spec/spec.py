@@ -271,15 +271,22 @@ def problem_without_files(fields: Any) -> Problem:
         raise SpecError(str(error)) from error
 
 
+_WHERE = "use `coastarc run` where the file is"
+
+
 def _refuse_files(name: str, problem: Any) -> None:
     world = problem.get("world") if isinstance(problem, Mapping) else None
     if isinstance(world, Mapping) and world.get("kernel") is not None:
-        raise SpecError(f"{name}.world: expected a world without a file over the network, got a kernel")
+        raise SpecError(
+            f"{name}.world: expected a world without a file over the network, got a kernel; {_WHERE}"
+        )
     target = problem.get("target") if isinstance(problem, Mapping) else None
     if isinstance(target, Mapping) and target.get("path") in NAMES_OF_PLANETS:
         return
     if isinstance(target, Mapping) and (target.get("kind") == "spk" or "path" in target):
-        raise SpecError(f"{name}.target: expected a target without a file over the network, got kind spk")
+        raise SpecError(
+            f"{name}.target: expected a target without a file over the network, got kind spk; {_WHERE}"
+        )
 
 
 @dataclass(frozen=True, slots=True)
