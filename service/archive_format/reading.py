@@ -17,7 +17,8 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from core.problem import PLANETS, Problem, SpkTarget, hashes_of
+from core.plain_data import PLANETS
+from core.problem import Problem, SpkTarget, hashes_of
 from core.search import HopAddress
 from service.archive_format.checks import (
     Contents,

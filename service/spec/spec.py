@@ -13,8 +13,8 @@ from typing import Annotated, Any, Self
 from pydantic import BeforeValidator, Field, StrictInt, ValidationError, model_validator
 
 from core.errors import UserError
-from core.plain_data import content_hash, read_table_file
-from core.problem import NAMES_OF_PLANETS, Problem, ProblemError, beside, problem_from, validation_message
+from core.plain_data import NAMES_OF_PLANETS, content_hash, read_table_file
+from core.problem import Problem, ProblemError, beside, problem_from, validation_message
 from core.search.settings import expand_mapping
 from service.spec.search_spec import SHARING, Name, Priority, SearchSpec, Strict
 

@@ -3,7 +3,8 @@ import re
 
 import pytest
 
-from core.problem import NAMES_OF_PLANETS, load_problem
+from core.plain_data import NAMES_OF_PLANETS
+from core.problem import load_problem
 from service.api import metrics
 from tests.service.campaigns import OUTAGE, SPIRAL, finish, spec_fields, submitted
 
