@@ -22,16 +22,7 @@ from pydantic import (
     model_validator,
 )
 
-from core.constants import (
-    G0,
-    GM_EARTH,
-    GM_JUPITER,
-    GM_MOON,
-    GM_SUN,
-    KERNEL_MD5,
-    KERNEL_SPAN,
-    SECONDS_PER_DAY,
-)
+from core.constants import G0, GM_EARTH, GM_JUPITER, GM_MOON, GM_SUN, KERNEL_MD5, KERNEL_SPAN, SECONDS_PER_DAY
 from core.epochs import Epoch, calendar_epoch, seconds_past_j2000
 from core.errors import UserError, fault_lines
 from core.plain_data import (

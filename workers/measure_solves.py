@@ -8,6 +8,7 @@ its solutions can be saved, and are the seeds of `coastarc bench chain`.
 """
 
 import json
+import math
 import os
 import re
 from collections import Counter
@@ -23,13 +24,14 @@ from core.analysis.metrics import feasibility_ratio
 from core.analysis.similarity import DISTINCT, clusters, distance, feature_rows
 from core.analysis.stationarity import OPTIMAL, stationarity
 from core.jit import COMPILED_FOLDER
-from core.nlp import SolveSettings
+from core.nlp import ExitStatus, SolveSettings, solve
 from core.plain_data import read_text
 from core.problem import Problem, problem_from
-from core.search import GUESS_LAWS, HopSettings
+from core.search import GUESS_LAWS, Chain, HopSettings, hop_rng
 from core.transcription import DEFAULT_LEGS, Transcription, checked_vector, layout_of, transcribe
 from workers.executor import Executor
 from workers.messages import Address, HopJob, Job, JobOutcome, JobSettings, MapJob, SolveRecord, Ticket
+from workers.run import hop_address
 
 __all__ = [
     "DISTINCT",
@@ -147,6 +149,9 @@ class Measurement:
     verify_seconds: float = 0.0
     #: Last line of what went wrong in our code, empty otherwise.
     fault: str = ""
+    #: Largest defects of a trajectory as solved; None without a solve, or where one is not finite.
+    defect_km: float | None = None
+    defect_m_s: float | None = None
 
     @property
     def is_optimal(self) -> bool:
@@ -180,8 +185,18 @@ def measured(problem: Problem, outcome: JobOutcome) -> tuple[Measurement, tuple[
         n_evaluations=solve.n_evaluations,
         cpu_seconds=solve.cpu_seconds,
         verify_seconds=verdict.cpu_seconds if verdict else 0.0,
+        defect_km=_largest(solve, slice(0, 3), 1.0),
+        defect_m_s=_largest(solve, slice(3, 6), 1e3),
     )
     return found, solve.x if strict else None
+
+
+def _largest(solve: SolveRecord, part: slice, scale: float) -> float | None:
+    """Return the largest norm of a part of the defects, in units of which one km or km/s has so many."""
+    rows = [row[part] for row in solve.defects]
+    if any(value is None for row in rows for value in row):
+        return None
+    return scale * max(math.hypot(*(value or 0.0 for value in row)) for row in rows)
 
 
 def _propellant(problem: Problem, solve: SolveRecord) -> float | None:
@@ -302,6 +317,80 @@ def solve_guesses(executor: Executor, plan: GuessPlan) -> Iterator[SolvedGuess]:
         yield SolvedGuess(number, *measured(plan.problem, outcome))
 
 
+#: Throttles beyond this share of their bound count as full [-], since the descent stays somewhat below it;
+#: variables so near to a bound count as at it.
+_FULL, _AT_BOUND = 0.95, 1e-3
+#: Failures of one kind that are solved once more to see which bounds hold them back.
+_EXAMPLES = 2
+
+
+@dataclass(frozen=True, slots=True)
+class FailureView:
+    """Guesses that failed in one way, and what is known of why."""
+
+    failure: str
+    n: int
+    #: The status's sentence, or what went wrong in our code.
+    reason: str
+    #: Medians of their largest defects; None where none is finite.
+    defect_km: float | None
+    defect_m_s: float | None
+    #: Fields of the problem whose bounds were active in each of the examples, with the share of segments at
+    #: full thrust.
+    at_bounds: list[str]
+
+
+def failures_of(plan: GuessPlan, solved: Sequence[SolvedGuess]) -> list[FailureView]:
+    """Return why guesses failed, the most frequent failure first; some are solved once more for that."""
+    kinds: dict[str, list[SolvedGuess]] = {}
+    for one in sorted(solved, key=lambda one: one.number):
+        if not one.measurement.strict:
+            kinds.setdefault(one.measurement.failure, []).append(one)
+    ordered = sorted(kinds.items(), key=lambda kind: -len(kind[1]))
+    return [_failure_of(plan, name, some) for name, some in ordered]
+
+
+def _failure_of(plan: GuessPlan, name: str, some: Sequence[SolvedGuess]) -> FailureView:
+    found = [one.measurement for one in some]
+    status = ExitStatus.__members__.get(name)
+    told = status.value if status else "The verifier finds larger defects than the solver."
+    active = [_at_bounds(plan, one.number) for one in some[:_EXAMPLES]] if status else []
+    position, velocity = (spread(getattr(one, part) for one in found) for part in ("defect_km", "defect_m_s"))
+    return FailureView(
+        failure=name,
+        n=len(some),
+        reason=found[0].fault or told,
+        defect_km=position["median"] if position else None,
+        defect_m_s=velocity["median"] if velocity else None,
+        at_bounds=[field for field in (active[0] if active else []) if all(field in one for one in active)],
+    )
+
+
+def _at_bounds(plan: GuessPlan, number: int) -> list[str]:
+    """Return the fields whose bounds are active where the solve of a guess ends."""
+    transcription, job = _transcription(plan.problem), _job(plan, number)
+    guess = Chain(transcription, job.laws).ask(hop_rng(job.rng_seed, hop_address(job, 0)))
+    x = solve(transcription, guess, plan.limits).x
+    lower, upper = transcription.bounds
+    own, near = transcription.layout.reference, _AT_BOUND * (upper - lower)
+    named = {
+        "shooting_days": own.shooting_time,
+        "initial_coast_days": own.initial_coast,
+        "final_coast_days": own.final_coast,
+    }
+    sides = (("[0]", x - lower), ("[1]", upper - x))
+    found = [
+        f"bounds.{field}{side}"
+        for field, place in named.items()
+        for side, room in sides
+        if place not in transcription.idle_coasts and room[place] <= near[place]
+    ]
+    if x[own.final_mass] - lower[own.final_mass] <= near[own.final_mass]:
+        found.append("bounds.min_final_mass_kg")
+    full = float(np.mean(x[own.controls][::3] >= _FULL * plan.problem.bounds.throttle[1]))
+    return [*found, "spacecraft.max_thrust_n"] if full > 0.5 else found
+
+
 def solution_of(plan: GuessPlan, one: SolvedGuess) -> Solution:
     """Return a strict solution under the number of its guess."""
     assert one.x is not None and one.measurement.propellant_kg is not None
@@ -381,7 +470,8 @@ def summary(found: Sequence[Measurement]) -> dict[str, Any]:
         "median_propellant_kg": propellant["median"] if propellant else None,
         "stationarity": spread(one.stationarity for one in solved),
         "successes": _distributions(solved),
-        "failures": _distributions(failed),
+        # What they burnt says nothing, since they do not arrive.
+        "failures": _distributions(failed) | {"propellant_kg": None},
         "failed_by": failures(found),
         "ended_by": dict(Counter(one.status for one in found).most_common()),
         "faults": sorted({one.fault for one in found if one.fault}),

@@ -15,12 +15,14 @@ from typing import Annotated, Any, Protocol, TypeVar
 
 import typer
 from rich.console import Console
-from rich.table import Table
 from threadpoolctl import threadpool_limits
 
 from core.nlp import SolveSettings
+from core.orbits.reach import remarks_on
 from core.problem import Problem, load_problem
 from service.cli import terminal
+from service.cli.bench_tables import chains, distributions, failures, number, reasons, shares, thrust_line
+from service.cli.command import print_warning
 from service.cli.options import Json
 from service.spec.spec_check import require_flyable
 from workers.executor import Executor, ProcessPool
@@ -39,10 +41,12 @@ from workers.measure_chains import (
 from workers.measure_solves import (
     DEFAULT_GROUPS,
     Case,
+    FailureView,
     GuessPlan,
     Solution,
     SolvedGuess,
     distinct,
+    failures_of,
     group_cases,
     load_seeds,
     n_compiled_kernels,
@@ -181,87 +185,6 @@ def run_until_interrupted(
     return False
 
 
-def percent(part: Mapping[str, Any]) -> str:
-    """Return a share and its interval [%]."""
-    if not part["of"]:
-        return "-"
-    return f"{100 * part['value']:.1f} ({100 * part['low']:.0f}-{100 * part['high']:.0f})"
-
-
-def number(value: float | None, digits: int = 1) -> str:
-    """Return a number, or a dash for none."""
-    return "-" if value is None else f"{value:.{digits}f}"
-
-
-def shares(summary: Mapping[str, Any]) -> Table:
-    """Return counts, shares and costs of the kinds of solutions."""
-    rows = terminal.table("guesses that became", "of", "%, 95 % interval", "CPU s each")
-    costs = summary["costs"]
-    for name, key, cost in (
-        ("loose solutions", "paper", None),
-        ("strict solutions", "strict", costs["cpu_seconds_per_strict"]),
-        ("strict and locally optimal solutions", "optimal", costs["cpu_seconds_per_optimal"]),
-    ):
-        part = summary[key]
-        rows.add_row(f"{part['n']} {name}", str(part["of"]), percent(part), number(cost, 2))
-    rows.caption = "CPU time of all guesses, failures included; verification apart"
-    rows.caption_justify = "left"
-    return rows
-
-
-def distributions(summary: Mapping[str, Any]) -> Table:
-    """Return the spread of times, iterations and propellant of successes and of failures."""
-    rows = terminal.table("", "", "min", "quarter", "median", "3 quarters", "max")
-    for group in ("successes", "failures"):
-        for name, key, digits in (
-            ("CPU s", "cpu_seconds", 2),
-            ("iterations", "iterations", 0),
-            ("propellant, kg", "propellant_kg", 2),
-        ):
-            spread = summary[group][key]
-            if spread is not None:
-                rows.add_row(group, name, *(number(value, digits) for value in spread.values()))
-    return rows
-
-
-def failures(failed_by: Mapping[str, int]) -> str:
-    """Return why solves failed, in one line."""
-    listed = ", ".join(f"{count} {name}" for name, count in failed_by.items())
-    return f"failures: {listed or 'none'}"
-
-
-def chains(listed: list[dict[str, Any]], key: str) -> Table:
-    """Return mapped seeds, one row per case or group and mapping."""
-    titles = (key, "mapping", "seeds", "strict, %", "optimal, %", "CPU s each", "median s", "of strict")
-    rows = terminal.table(*titles, "change in kg", "failures")
-    for row in listed:
-        change = row["change_kg"]
-        spread = (
-            "-" if change is None else " ".join(f"{change[name]:+.2f}" for name in ("min", "median", "max"))
-        )
-        failed = ", ".join(f"{count} {name}" for name, count in row["failed_by"].items())
-        rows.add_row(
-            row[key],
-            row["mapping"],
-            str(row["strict"]["of"]),
-            percent(row["strict"]),
-            percent(row["optimal"]),
-            number(row["costs"]["cpu_seconds_per_strict"], 2),
-            *(
-                number(times and times["median"], 2)
-                for times in (row["cpu_seconds"], row["cpu_seconds_of_strict"])
-            ),
-            spread,
-            failed,
-        )
-    rows.caption = (
-        "strict of seeds and locally optimal of strict, 95 % interval; CPU time of all seeds per strict "
-        "solution, medians of all and of strict; least, median and greatest propellant above the seed's"
-    )
-    rows.caption_justify = "left"
-    return rows
-
-
 def print_facts(console: Console, facts: Mapping[str, Any]) -> None:
     """Print what the numbers depend on, one per line."""
     for name, value in facts.items():
@@ -292,6 +215,8 @@ class SolveReport:
         self.solved: list[SolvedGuess] = []
         self.machine = machine()
         self.n_compiled = 0
+        #: Why guesses failed, once all are solved.
+        self.failures: list[FailureView] = []
         self.settings = {
             "problem_hash": plan.problem.hash,
             "k": plan.problem.k,
@@ -316,6 +241,7 @@ class SolveReport:
             "settings": self.settings,
             "kernels_compiled_while_timing": self.n_compiled,
             "summary": self.summary(),
+            "failures": [asdict(one) for one in self.failures],
             "guesses": [{"number": one.number} | asdict(one.measurement) for one in guesses],
         }
 
@@ -337,6 +263,9 @@ class SolveReport:
         console.print(shares(found))
         console.print(distributions(found))
         console.print(failures(found["failed_by"]))
+        if self.failures:
+            console.print(reasons(self.failures))
+        console.print(thrust_line(self.plan.problem, self.solved), highlight=False)
         best, median = found["best_propellant_kg"], found["median_propellant_kg"]
         console.print(f"propellant: best {number(best, 2)} kg, median {number(median, 2)} kg")
         print_facts(console, self.machine | self.settings)
@@ -362,8 +291,12 @@ def solve(
         require_folders(json=json_file, save=save)
         limits = SolveSettings(cpu_seconds, max_iterations)
         found = SolveReport(GuessPlan(_flyable(problem), guesses, rng_seed, law, limits), workers)
+        for remark in remarks_on(found.plan.problem):
+            print_warning(remark)
         ledger = Ledger(json_file, found.content)
     is_partial = run_until_interrupted(found, ledger, workers, warm_up, solve_guesses)
+    if not is_partial:
+        found.failures = failures_of(found.plan, found.solved)
     if save is not None:
         ordered = sorted(found.solved, key=lambda one: one.number)
         strict = [solution_of(found.plan, one) for one in ordered if one.x is not None]

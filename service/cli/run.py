@@ -13,9 +13,10 @@ import typer
 from rich.console import Console
 from rich.live import Live
 
+from core.orbits.reach import remarks_on
 from service import logs
 from service.cli import terminal
-from service.cli.command import print_error
+from service.cli.command import print_error, print_warning
 from service.cli.options import (
     DATA,
     DEFAULT_PORT,
@@ -61,6 +62,8 @@ def run(
     """Run a campaign on this machine to its end; repeat the command to resume after an interruption."""
     specification = load_spec(spec)
     require_flyable(specification.problem)
+    for remark in remarks_on(specification.problem):
+        print_warning(remark)
     # The terminal shows progress; log lines are for problems.
     logs.configure(level="WARNING")
     with Coordinator(data, host, port) as coordinator:

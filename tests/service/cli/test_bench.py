@@ -12,6 +12,7 @@ from tests.workers.fake import run_fake
 from workers.executor import Inline
 from workers.measure_solves import read_solutions
 from workers.provenance import machine, revision
+from workers.run import run_job
 
 MEASURED = {
     "status",
@@ -185,3 +186,19 @@ def test_progress_on_a_terminal_is_one_line_written_over(monkeypatch, capsys):
         progress.show(line)
     progress.end()
     assert capsys.readouterr().err == "\r1/2\x1b[K\r2/2\x1b[K\n"
+
+
+def test_solve_says_why_guesses_fail_and_what_the_thrust_reaches(bench, tmp_path):
+    weak = tmp_path / "weak.toml"
+    craft = "{ wet_mass_kg = 1500.0, dry_mass_kg = 700.0, max_thrust_n = 0.01, isp_s = 3000.0 }"
+    weak.write_text(f'preset = "earth-mars"\nspacecraft = {craft}\n')
+    code, printed, told = bench("solve", weak, "--guesses", 2, "--json", tmp_path / "a.json", runner=run_job)
+    assert code == 0 and "no guess can close: 0.01 N for 700 days on 1500 kg" in told
+    content = json.loads((tmp_path / "a.json").read_text())
+    (failure,) = content["failures"]
+    assert failure["n"] == 2 and "spacecraft.max_thrust_n" in failure["at_bounds"]
+    # The change of orbit takes some 6 km/s, of which a tenth is there.
+    assert failure["defect_km"] > 1e6 and failure["defect_m_s"] > 1e3
+    assert "spacecraft.max_thrust_n" in printed and "The solver settled where defects remain" in printed
+    assert "thrust: at most 0.40" in printed and "no transfer needs less than 2.52 km/s" in printed
+    assert content["summary"]["failures"]["propellant_kg"] is None
