@@ -37,6 +37,8 @@ TARGET_ID = -90001
 SLACK_DAYS = 1e-3
 #: Around the flight, the target and the bodies are known for so long [days].
 MARGIN_DAYS = 60.0
+#: A mass so near to the best counts as the same optimum [-].
+NEAR = 1e-5
 #: Mass that nondimensional problems get [kg].
 CIRCLE_MASS_KG = 1000.0
 #: Coefficients of a record of the kernels that are made here.
@@ -53,6 +55,8 @@ class OracleResult:
     n_segments: int
     n_guesses: int
     n_strict: int
+    #: Strict solutions within `NEAR` of the best.
+    n_best: int
     #: Greatest final mass of a strict solution, in the unit of the published one; None without any.
     best: float | None
     published: float
@@ -89,9 +93,11 @@ def run_case(
         seconds += time.thread_time() - began
         if outcome.is_feasible and core.verify(problem, outcome.x).strict:
             masses.append(outcome.objective / unit)
+    best = max(masses, default=None)
     return OracleResult(
         *(case["id"], case["title"], case["source"], problem.n_segments, n_guesses, len(masses)),
-        best=max(masses, default=None),
+        n_best=0 if best is None else sum(mass > (1.0 - NEAR) * best for mass in masses),
+        best=best,
         published=case["published"],
         unit=case["unit"],
         cpu_seconds_per_guess=seconds / n_guesses,
@@ -106,7 +112,7 @@ def run_cases(names: list[str], folder: Path, n_guesses: int, rng_seed: int) -> 
 
 
 def _about_the_sun(case: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    gm, days = case["gm_km3_s2"], case["days"]
+    gm, days, coast_days = case["gm_km3_s2"], case["days"], case.get("coast_days", 0.0)
     end = np.array([*case["end_position_km"], *case["end_velocity_km_s"]])
 
     def place(seconds: float) -> Array:
@@ -114,10 +120,10 @@ def _about_the_sun(case: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
     return {
         "world": {"center": "SUN", "gm_km3_s2": [gm]},
-        "target": _target(case, folder, place, center=10, days=days, record_days=8.0),
+        "target": _target(case, folder, place, center=10, days=days + coast_days, record_days=8.0),
         **_craft(case["mass_kg"], case["max_thrust_n"], case["exhaust_velocity_km_s"]),
         "departure": _departure(case["position_km"], case["velocity_km_s"], case["mass_kg"]),
-        "bounds": _bounds(days, case["mass_kg"]),
+        "bounds": _bounds(days, case["mass_kg"], coast_days),
     }
 
 
@@ -220,11 +226,11 @@ def _departure(position_km: list[float], velocity_km_s: list[float], mass_kg: fl
     return {"kind": "state", "epoch": EPOCH, "mass_kg": mass_kg} | state
 
 
-def _bounds(days: float, mass_kg: float) -> dict[str, Any]:
-    coast = [0.0, SLACK_DAYS]
+def _bounds(days: float, mass_kg: float, coast_days: float = 0.0) -> dict[str, Any]:
+    shooting = days - coast_days
     return {
-        "shooting_days": [days - SLACK_DAYS, days],
-        "initial_coast_days": coast,
-        "final_coast_days": coast,
+        "shooting_days": [shooting - SLACK_DAYS, shooting],
+        "initial_coast_days": [coast_days, coast_days + SLACK_DAYS],
+        "final_coast_days": [0.0, SLACK_DAYS],
         "min_final_mass_kg": 0.2 * mass_kg,
     }

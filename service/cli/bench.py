@@ -511,10 +511,10 @@ def oracles(
     if as_json:
         typer.echo(json.dumps({"machine": machine(), "settings": settings, "rows": results}, indent=2))
         return
-    listed = terminal.table("case", "N", "strict", "best", "published", "CPU s a guess")
+    listed = terminal.table("case", "N", "strict", "of the best", "best", "published", "CPU s a guess")
     for row in results:
         best = number(row["best"], 6 if row["unit"] != "kg" else 3)
-        counts = str(row["n_segments"]), f"{row['n_strict']}/{row['n_guesses']}"
+        counts = str(row["n_segments"]), f"{row['n_strict']}/{row['n_guesses']}", str(row["n_best"])
         seconds = f"{row['cpu_seconds_per_guess']:.2f}"
         listed.add_row(row["id"], *counts, best, f"{row['published']:.6g}", seconds)
     console = Console(width=120)

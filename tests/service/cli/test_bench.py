@@ -202,3 +202,15 @@ def test_solve_says_why_guesses_fail_and_what_the_thrust_reaches(bench, tmp_path
     assert "spacecraft.max_thrust_n" in printed and "The solver settled where defects remain" in printed
     assert "thrust: at most 0.40" in printed and "no transfer needs less than 2.52 km/s" in printed
     assert content["summary"]["failures"]["propellant_kg"] is None
+
+
+def test_oracles_shows_published_values_beside_ours(bench):
+    code, printed, _ = bench("oracles", "--case", "emtg-fblt-earth-mars", "--guesses", 1, "--json")
+    (row,) = json.loads(printed)["rows"]
+    # Within 20 g of EMTG's.
+    assert code == 0 and row["n_strict"] == 1 and row["best"] > row["published"] - 0.02
+
+
+def test_a_case_that_is_not_published_is_refused(bench):
+    code, _, told = bench("oracles", "--case", "vulcan")
+    assert code == 2 and "expected some of jiang-3rev" in told and "got vulcan" in told
