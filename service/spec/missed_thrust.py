@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from core.errors import UserError
-from core.problem import LONGEST_OUTAGE_DAYS, Problem
+from core.problem import Problem
 
 #: How an analysis is called, before the beginning of the solution's id.
 NAME = "missed-thrust"
@@ -44,13 +44,13 @@ def grid_of(problem: Problem, segments: str | None = None, durations: str = USUA
     wanted: Sequence[float] = [*range(1, last + 1, USUAL_STRIDE), *(o.segment for o in problem.outages)]
     if segments is not None:
         wanted = _numbers("segments", segments)
-    days = _numbers("durations", durations)
+    days, longest = _numbers("durations", durations), problem.bounds.longest_outage_days
     for number in wanted:
         if not 1 <= number <= last or number != int(number):
             raise GridError(f"segments: expected whole numbers in 1..{last}, got {number:g}")
     for number in days:
-        if not 0.0 < number <= LONGEST_OUTAGE_DAYS:
-            raise GridError(f"durations: expected above 0 to {LONGEST_OUTAGE_DAYS:g} days, got {number:g}")
+        if not 0.0 < number <= longest:
+            raise GridError(f"durations: expected above 0 to {longest:g} days, got {number:g}")
     return Grid(tuple(sorted({int(number) for number in wanted})), tuple(sorted(set(days))))
 
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StrictInt, model_validator
 
-from core.problem import LONGEST_OUTAGE_DAYS, Outage
+from core.problem import MOST_OUTAGE_DAYS, Outage
 from core.search.settings import GUESS_LAWS, HOP_LAWS, REFINED, SHAPES, HopSettings, check_mapping
 from workers.messages import JobSettings
 
@@ -130,7 +130,7 @@ class SearchSpec(Strict):
     #: The outages of the one case, or the segments of each of several cases, whose outages last equally long.
     outages: tuple[Outage, ...] = ()
     cases: Annotated[tuple[Segments, ...], Field(max_length=MOST_CASES)] | None = None
-    duration_days: Annotated[float, Field(gt=0, le=LONGEST_OUTAGE_DAYS)] | None = None
+    duration_days: Annotated[float, Field(gt=0, le=MOST_OUTAGE_DAYS)] | None = None
     #: Budget: NLP solves over all cases, processor seconds, different solutions; whichever comes first.
     guesses: Count | None = None
     core_seconds: Positive | None = None

@@ -63,6 +63,15 @@ def test_outages_that_cannot_be_are_refused_with_a_reason(segments, durations, m
     assert str(refusal.value) == message
 
 
+def test_outages_are_as_long_as_the_bounds_of_the_problem_allow():
+    mars = load_problem("earth-mars")
+    assert grid_of(mars, "8", "28,60").durations_days == (28.0, 60.0)
+    with pytest.raises(GridError, match="durations: expected above 0 to 60 days, got 61"):
+        grid_of(mars, "8", "61")
+    asked = analysis_spec("0" * 32, mars, grid_of(mars, "8,20", "28"))
+    assert [search.outage_sets for search in spec_from(asked).search] == [(((8, 28.0),), ((20, 28.0),))]
+
+
 def analysis(solution_id, segments="24,30", durations="0.5,1.0", problem=PRESET):
     return analysis_spec(solution_id, problem, grid_of(problem, segments, durations))
 
