@@ -150,7 +150,15 @@ def _load(path: Path) -> None:
 
 def _unload(path: Path) -> None:
     _furnished.pop(path, None)
-    spiceypy.unload(spice_name(path))
+    try:
+        spiceypy.unload(spice_name(path))
+    except SpiceyError:
+        # SPICE opens the file once more.  If it is gone, all are dropped, and what is there is loaded.
+        spiceypy.kclear()
+        for one in [one for one in _furnished if not one.exists()]:
+            del _furnished[one]
+        for one in (*kernel_paths(), *_furnished):
+            _load(one)
 
 
 def spice_name(path: Path) -> str:

@@ -149,6 +149,30 @@ def test_the_planets_stay_loaded_where_they_are_a_target_or_the_bodies_of_a_worl
     spiceypy.spkgps(301, 0.0, "J2000", 399)
 
 
+def moon():
+    return spiceypy.spkpos("MOON", 0.0, "J2000", "NONE", "EARTH")[0]
+
+
+def test_a_kernel_whose_file_is_gone_leaves_the_others_as_they_are(tmp_path):
+    furnish()
+    where = moon()
+    still = ChebyshevOrbit(-86400.0, 2 * 86400.0, np.full((1, 2, 3), 4e5))
+    bodies = tmp_path / "bodies.bsp"
+    write_orbit(bodies, 301, still, "a Moon that stands still", 399)
+    with loaded(bodies):
+        assert not np.allclose(moon(), where)
+        bodies.unlink()
+    np.testing.assert_array_equal(moon(), where)
+    # More than are kept, so that those that are gone make room.
+    for number in range(12):
+        path = tmp_path / f"{number}.bsp"
+        write_orbit(path, -77, still, "a target", 399)
+        furnish(path)
+        assert spiceypy.spkpos("-77", 0.0, "J2000", "NONE", "EARTH")[0][0] == 4e5
+        path.unlink()
+    np.testing.assert_array_equal(moon(), where)
+
+
 def test_kernels_do_not_pile_up(tmp_path):
     furnish()
     alone = spiceypy.ktotal("ALL") - len(kernels._furnished)
