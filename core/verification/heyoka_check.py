@@ -182,7 +182,8 @@ class TaylorPilot(Pilot):
             records = [run.record_at(self.origin_et + time) for run in self._runs]
             # Epochs of one magnitude: their differences are exact, so that no record is entered too early.
             middles = [record.middle - self.origin_et for record in records]
-            end = min(stop, *(middle + one.radius for middle, one in zip(middles, records, strict=True)))
+            ends = [middle + one.radius for middle, one in zip(middles, records, strict=True)]
+            end = min([stop, *ends])
             # Where a record ends at no epoch of SPICE, rounding may enter it again.
             end = max(end, min(stop, time + _LEAST_PIECE_S))
             values = [float(state[6]) - flow * (time - start), flow, *force]

@@ -436,6 +436,16 @@ def test_bodies_of_a_kernel_are_those_of_its_own_world_alone(tmp_path):
     np.testing.assert_array_equal(spiceypy.spkgps(301, SPAN[0], "J2000", 399)[0], moon)
 
 
+def test_heyoka_agrees_about_the_sun_alone():
+    pytest.importorskip("heyoka", reason="heyoka is an extra: pip install -c constraints.txt -e '.[heyoka]'")
+    transcription = core.transcribe(MARS)
+    found = core.solve(transcription, core.sample_guess(transcription, np.random.default_rng(1)))
+    certificate = certify(MARS, found.x, with_heyoka=True)
+    position, velocity = apart(certificate.third.flights[0], certificate.trajectories[0].through)
+    # A revolution of 2e8 km magnifies the 1e-13 of a step a hundredfold: two metres.
+    assert certificate.is_sound and position < 0.1 and velocity < 1e-7
+
+
 def test_heyoka_flies_by_the_records_of_a_kernel(tmp_path):
     pytest.importorskip("heyoka", reason="heyoka is an extra: pip install -c constraints.txt -e '.[heyoka]'")
     fields = on_circles(tmp_path)
