@@ -148,6 +148,11 @@ class World:
         return self.bodies[0] if self.bodies else self.center
 
     @property
+    def moon(self) -> Body | None:
+        """The Moon, where it is one of the bodies."""
+        return next((body for body in self.bodies if body.name == "MOON"), None)
+
+    @property
     def all_gm_km3_s2(self) -> list[float]:
         """Gravitational parameters of the centre and of the bodies [km^3/s^2]."""
         return [body.gm_km3_s2 for body in (self.center, *self.bodies)]

@@ -184,9 +184,8 @@ class Flight:
     moon: Path
     #: The target orbit from the reference's insertion on.
     target: Path
-    #: The bodies that the frames are about; `moon` is the first of them, or the target where it has none.
     world: World
-    #: The name of that.
+    #: The name of what the frames are about, and `moon` is: the Moon, or the target where it is far.
     main: str
 
 
@@ -258,9 +257,9 @@ def fly(
 
 
 def _main_of(problem: Problem, world: World) -> str:
-    """Return the name of the first of the bodies, or of the target where there is none."""
-    if world.bodies:
-        return world.bodies[0].title
+    """Return the name of the Moon, or of the target where it is far."""
+    if world.moon:
+        return world.moon.title
     number = getattr(problem.target, "naif_id", None)
     return next((body.title for body in BODIES.values() if body.naif_id == number), "target")
 
@@ -308,7 +307,7 @@ class _Sampler:
     def __init__(self, transcription: Transcription, samples_per_radian: float, tolerance: float) -> None:
         self.model, self.units = transcription.setting.model, transcription.world.units
         self.target: EphemerisTable = transcription.setting.target
-        self.has_bodies = bool(transcription.world.bodies)
+        self.has_moon = transcription.world.moon is not None
         #: How many times slower things move than between Earth and Moon.
         self.slowness = self.units.tu_days / TU_DAYS
         self.density_and_tolerance = samples_per_radian, tolerance
@@ -381,17 +380,17 @@ class _Sampler:
 
     def moon_states(self, days: Array) -> tuple[Array, Array]:
         """Return positions [km] and velocities [km/s] of the Moon, (n, 3) each."""
-        states = np.array([self._first_body(moment) for moment in days])
+        states = np.array([self._main(moment) for moment in days])
         return states[:, 0] * self.units.lu_km, states[:, 1] * self.units.vu_km_s
 
-    def _first_body(self, days: float) -> Array:
-        """Return position and velocity (2, 3) of the first body, or of the target where there is none."""
-        table = self.model.bodies if self.has_bodies else self.target
-        return state_at(table, days)[:2, :3]
+    def _main(self, days: float) -> Array:
+        """Return position and velocity (2, 3) of the Moon, or of the target where it is far."""
+        first: Array = state_at(self.model.bodies, days)[:2, :3]
+        return first if self.has_moon else first + state_at(self.target, days)[:2, :3]
 
     def moon_at(self, days: float) -> Array:
-        """Return the position of the first body (3,) [LU]."""
-        position: Array = self._first_body(days)[0]
+        """Return the position of the Moon, or of the target where it is far (3,) [LU]."""
+        position: Array = self._main(days)[0]
         return position
 
     def target_at(self, days: float) -> Array:

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 #: Accelerations at departure [mm/s^2], longest shooting time [days] and wet masses [kg] of the problems that
 #: the solver is tested on: docs/own-problem.md.
-TESTED_MM_S2, TESTED_DAYS, TESTED_KG = (0.03, 1.0), 1000.0, (10.0, 15_000.0)
+TESTED_MM_S2, TESTED_DAYS, TESTED_KG = (0.03, 1.0), 2500.0, (10.0, 100_000.0)
 # Arrivals at which the target is looked at, and how much faster and farther out than either orbit a transfer
 # may be: a low thrust between them is far from that.
 _N_ARRIVALS, _BEYOND = 50, 2.0

@@ -40,7 +40,7 @@ def _world(flight: Flight) -> dict[str, Any]:
         "center": world.center.title,
         "main": flight.main,
         "length_km": world.units.lu_km,
-        "main_radius_km": world.bodies[0].radius_km if world.bodies else 0.0,
+        "main_radius_km": world.moon.radius_km if world.moon else 0.0,
     }
 
 

@@ -7,6 +7,7 @@ import pytest
 import spiceypy
 
 import core
+from core.analysis.flight import fly
 from core.dynamics import force_model
 from core.ephemeris import body_table, state_at
 from core.ephemeris.daf import SpkError
@@ -20,7 +21,7 @@ from core.problem import ProblemError, load_problem, problem_from, require_physi
 from core.transcription import Transcription
 from core.verification.certificate import certify
 from core.verification.end_to_end import apart
-from core.world import BODIES, EARTH, USUAL, world_of
+from core.world import AU_KM, BODIES, EARTH, USUAL, world_of
 from tests.core.partials import assert_partials
 
 MARS = load_problem("earth-mars")
@@ -434,6 +435,20 @@ def test_bodies_of_a_kernel_are_those_of_its_own_world_alone(tmp_path):
     with loaded(own[0].world.kernel):
         assert np.linalg.norm(spiceypy.spkgps(301, SPAN[0], "J2000", 399)[0]) == pytest.approx(3e5)
     np.testing.assert_array_equal(spiceypy.spkgps(301, SPAN[0], "J2000", 399)[0], moon)
+
+
+@pytest.mark.parametrize("problem", [MARS, perturbed()], ids=["alone", "perturbed"])
+def test_frames_far_from_the_moon_are_about_the_target(problem):
+    furnish()
+    flown = fly(problem, random_point(core.transcribe(problem), 6))
+    assert flown.main == "Mars"
+    origin = seconds_past_j2000(problem.departure.epoch)
+    reference = flown.trajectories[0]
+    for days, place, turned in zip(reference.days, reference.moon_km, flown.moon.rotating_km, strict=False):
+        expected = spiceypy.spkpos("4", origin + 86400.0 * days, "J2000", "NONE", "SUN")[0]
+        # The table of Mars is exact to metres; SPICE's epochs, spaced by 1e-7 s, to 3 mm.
+        np.testing.assert_allclose(place, expected, rtol=0, atol=0.1)
+        np.testing.assert_allclose(turned, [AU_KM, 0.0, 0.0], rtol=0, atol=1e-3)
 
 
 def test_heyoka_agrees_about_the_sun_alone():
