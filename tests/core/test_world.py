@@ -171,6 +171,28 @@ def test_every_column_of_the_jacobian_is_a_central_difference_about_the_sun(rng_
     )
 
 
+@pytest.mark.parametrize("problem", [perturbed(), cubesat(12.0)], ids=["sun", "cubesat"])
+def test_every_column_of_the_hessian_is_a_central_difference(problem):
+    flown = Transcription(problem, 6, 1e-13)
+    x = random_point(flown, 2)
+    # So short that no leg magnifies differences more than a hundredfold.
+    for trajectory in flown.layout.trajectories:
+        x[trajectory.shooting_time] *= 0.3
+    structure, z = flown.lifted, flown.lift(x)
+    weights = np.random.default_rng(2).normal(size=7 * len(structure.plan.block_plus))
+    lower = np.zeros((structure.n_variables, structure.n_variables))
+    values = flown.hessian(structure, z, weights)
+    np.add.at(lower, (structure.hessian_rows, structure.hessian_columns), values)
+
+    def gradient(z):
+        _, partials = flown.evaluate(structure, z, with_partials=True)
+        return np.bincount(structure.columns, partials * weights[structure.rows], structure.n_variables)
+
+    # The Jacobian is known to 1e-10 where a leg is a revolution: 1e-6 over h; h^4 leaves 1e-6 of a column.
+    symmetric = lower + np.tril(lower, -1).T
+    assert_partials(symmetric, gradient, z, step=1e-4, atol=1e-5, rtol=1e-6, order=4)
+
+
 def test_the_verifier_finds_the_defects_that_the_solver_sees_about_the_sun():
     problem = perturbed()
     flown = Transcription(problem, 1, 1e-13)
