@@ -117,6 +117,8 @@ class JobSettings(Message):
     integrator_tolerance: Annotated[float, Field(ge=1e-14, le=1e-3)] | None = None
     #: Whether a seed's reference is flown as it is, and only its realizations are solved.
     is_reference_frozen: bool = False
+    #: A name of `core.nlp.RECOVERIES`.
+    recoveries: Literal["cheapest", "any"] = "any"
 
 
 class ChainPlace(Message):

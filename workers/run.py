@@ -209,7 +209,7 @@ def hop_address(job: Job, hop: int) -> HopAddress:
 
 def solve_settings(settings: JobSettings) -> SolveSettings:
     """Return core's settings; what the job leaves open keeps core's default."""
-    given: dict[str, Any] = {"cpu_seconds": settings.cpu_seconds}
+    given: dict[str, Any] = {"cpu_seconds": settings.cpu_seconds, "recoveries": settings.recoveries}
     if settings.max_iterations is not None:
         given["max_iterations"] = settings.max_iterations
     return SolveSettings(**given)

@@ -35,6 +35,10 @@ class ExitStatus(Enum):
     SOLVER_FAILURE = "The solver gave up for a reason of its own; hop again."
 
 
+#: What is wanted of the realizations.
+RECOVERIES = (CHEAPEST, ANY) = ("cheapest", "any")
+
+
 @dataclass(frozen=True, slots=True)
 class SolveSettings:
     """Limits of one solve; both are multiplied by 1 + k, so that P_k has k + 1 times the budget of P_0."""
@@ -43,6 +47,8 @@ class SolveSettings:
     cpu_seconds: float = 120.0
     #: Iterations of the solver, all phases together [-].
     max_iterations: int = 3000
+    #: A name of `RECOVERIES`: the cheapest found for the reference, or as they close, which is the paper's.
+    recoveries: str = ANY
 
     def __post_init__(self) -> None:
         """Raise ValueError for limits under which nothing can be solved."""
@@ -54,6 +60,8 @@ class SolveSettings:
             raise ValueError(
                 f"max_iterations: expected an integer of at least 1, got {self.max_iterations!r}"
             )
+        if self.recoveries not in RECOVERIES:
+            raise ValueError(f"recoveries: expected one of {', '.join(RECOVERIES)}, got {self.recoveries!r}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

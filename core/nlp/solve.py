@@ -1,16 +1,20 @@
 """The local solver pi: from a guess to a solution, or a status that says why there is none."""
 
+from collections.abc import Iterator
+from itertools import islice
+
 import numpy as np
 from numpy.typing import NDArray
 
 from core.nlp.descent import State, ThrustVectors, is_solved, reach, starts
 from core.nlp.feasibility import close_finely, is_feasible, outcome_of
 from core.nlp.ipopt import failure, one_thread, optimize
-from core.nlp.outcome import ExitStatus, Limits, Outcome, SolveSettings, Stop
+from core.nlp.outcome import CHEAPEST, ExitStatus, Limits, Outcome, SolveSettings, Stop
+from core.nlp.recoveries import box_of, recovery, rejoin, to_realization, to_recovery
 from core.nlp.robust import Deepen, Robust
 from core.problem import require_departure_mass
 from core.tolerances import violation
-from core.transcription import Guess, Transcription
+from core.transcription import FINE_TOLERANCE, Guess, ReferencePath, TrajectoryLayout, Transcription
 
 Array = NDArray[np.float64]
 
@@ -30,8 +34,9 @@ def solve(
     """Solve P_k from a guess.
 
     The reference is closed and optimized on its own, then each realization is closed against it; those that
-    do not close move the reference, and are optimized together with it.  Meanwhile the numerical libraries of
-    the process run one thread.
+    do not close move the reference, and are optimized together with it.  If the settings ask for it, the
+    cheapest recovery from each outage is then sought with the reference as it is.  Meanwhile the numerical
+    libraries of the process run one thread.
 
     Parameters
     ----------
@@ -62,14 +67,19 @@ def solve(
     docs/method.md, section 7.
     """
     require_departure_mass(transcription.problem, transcription.start_mass_kg)
-    limits = limits_of(transcription, settings or SolveSettings(), stop)
+    settings = settings or SolveSettings()
+    limits = limits_of(transcription, settings, stop)
     with one_thread():
         robust = Robust.of(transcription, guess, limits, deepen)
         status = _start(robust)
         if robust.is_started:
             status = _realize(robust, status)
         robust.finish()
-        return outcome_of(transcription, robust.x, status, limits)
+        outcome = outcome_of(transcription, robust.x, status, limits)
+        if outcome.is_feasible and transcription.problem.k and settings.recoveries == CHEAPEST:
+            found = outcome_of(transcription, cheapen(transcription, outcome.x, limits), status, limits)
+            outcome = found if found.is_feasible else outcome
+        return outcome
 
 
 def limits_of(transcription: Transcription, settings: SolveSettings, stop: Stop) -> Limits:
@@ -78,8 +88,8 @@ def limits_of(transcription: Transcription, settings: SolveSettings, stop: Stop)
     return Limits(settings.cpu_seconds * share, settings.max_iterations * share, stop)
 
 
-def _start(robust: Robust) -> ExitStatus:
-    """Close and optimize the reference on its own."""
+def _start(robust: Robust, most: int | None = None) -> ExitStatus:
+    """Close and optimize the reference on its own, from at most so many starts."""
     alone = robust.together([])
     form = ThrustVectors(alone)
     z = form.start(robust.guess([]))
@@ -90,14 +100,14 @@ def _start(robust: Robust) -> ExitStatus:
         # A guess that is already closed, such as a seed, was optimal before: it is only polished.
         robust.start_from(form.decision(z), alone.nodes_of(z, 0))
         return optimize(robust, is_near=True)
-    return _from_starts(robust, form, z)
+    return _from_starts(robust, form, z, most)
 
 
-def _from_starts(robust: Robust, form: ThrustVectors, z: Array) -> ExitStatus:
+def _from_starts(robust: Robust, form: ThrustVectors, z: Array, most: int | None) -> ExitStatus:
     """Close and optimize the reference from one start after the other until one leads to an optimum."""
     alone, limits, found = form.transcription, robust.limits, []
     status, tried = ExitStatus.LOCALLY_INFEASIBLE, [robust.reference]
-    for start in starts(form, z):
+    for start in islice(starts(form, z), most):
         state = reach(form, start, limits)
         tried.append(form.decision(state.z))
         if is_solved(state):
@@ -130,3 +140,74 @@ def _realize(robust: Robust, status: ExitStatus) -> ExitStatus:
                 return failure(robust.limits)
         status = optimize(robust, is_near=False)
     return status
+
+
+#: Extra propellant with which a recovery is cheap enough after its first start, and after its second, as
+#: shares of the wet mass [-]: 1 and 5 kg of the flagship's.
+_CHEAP, _FAIR = 1.0 / 15000.0, 5.0 / 15000.0
+#: Iterations of a start.
+_START_ITERATIONS = 700
+#: Times of further starts, as shares of what their bounds leave: of the shooting time, from what is left of
+#: the reference's, below zero towards none; and of the initial coast.
+_OTHER_TIMES = ((0.4, 0.35), (0.9, 0.1), (-0.3, 0.0))
+
+
+def cheapen(transcription: Transcription, x: Array, limits: Limits) -> Array:
+    """Return a solution with the cheapest recovery found for each outage, its reference to the last bit.
+
+    Parameters
+    ----------
+    transcription : Transcription
+        P_k.
+    x : (n_variables,) array
+        Its solution [days, rad, kg].
+    limits : Limits
+        Work left; counted here.
+
+    References
+    ----------
+    docs/method.md, section 7.
+    """
+    path, found = ReferencePath(transcription.at_tolerance(FINE_TOLERANCE), x), x.copy()
+    final_mass, unit = x[transcription.layout.reference.final_mass], transcription.world.units.mu_kg
+    for own in transcription.layout.trajectories[1:]:
+        part = recovery(transcription, path, own)
+        for number, guess in enumerate(_guesses(transcription, own, path, found)):
+            recovered = _alone(part, guess, limits)
+            if recovered is not None and recovered[-1] > found[own.final_mass]:
+                found[own.offset : own.stop] = to_realization(transcription, own, recovered)
+            extra = (final_mass - found[own.final_mass]) / unit
+            if limits.is_over or extra <= (_FAIR if number else _CHEAP):
+                break
+    return found
+
+
+def _guesses(
+    transcription: Transcription, own: TrajectoryLayout, path: ReferencePath, x: Array
+) -> Iterator[Guess]:
+    """Yield what is left of the reference, the realization as it is, and the first at other times."""
+    reference = transcription.layout.reference
+    assert own.outage is not None
+    over = path.boundary_time(own.outage.segment) + own.outage.duration_days / path.tu_days
+    rest = (float(x[reference.final_coast]), float(x[reference.final_mass]))
+    part, states = rejoin(transcription, own, path, over, rest)
+    yield Guess(to_recovery(own, part), (states,))
+    yield Guess(to_recovery(own, x[own.offset : own.stop]))
+    lower, upper = box_of(transcription, own)
+    for shooting, initial in _OTHER_TIMES:
+        other = part.copy()
+        other[0] += shooting * (upper[0] - part[0] if shooting > 0.0 else part[0])
+        other[1] = lower[1] + initial * (upper[1] - lower[1])
+        yield Guess(to_recovery(own, np.clip(other, lower, upper)))
+
+
+def _alone(part: Transcription, guess: Guess, limits: Limits) -> Array | None:
+    """Return the variables of a transfer with the least propellant near a guess, if it closes."""
+    budget = min(_START_ITERATIONS, limits.iteration_budget - limits.iterations)
+    own = Limits(limits.cpu_budget - limits.cpu_used, budget, limits.stop)
+    robust = Robust.of(part, guess, own, None)
+    _start(robust, 1)
+    robust.finish()
+    limits.iterations += own.iterations
+    limits.evaluations += own.evaluations
+    return robust.x if is_feasible(part, robust.x) else None

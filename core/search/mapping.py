@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from core.nlp.recoveries import SAME, rejoin
 from core.problem import Outage, Problem
 from core.search.settings import REFINED, assignment_of, check_refinement, default_sources
 from core.transcription import (
@@ -30,9 +31,6 @@ from core.transcription import (
 )
 
 Array = NDArray[np.float64]
-
-#: Two epochs closer than this fraction of a segment count as one [-].
-SAME = 1e-9
 
 
 class Seed:
@@ -105,13 +103,8 @@ def aligned(
     if old.outage == trajectory.outage:
         return seed.part(source), path.boundaries
     assert trajectory.outage is not None
-    n, box = trajectory.n_segments, _box(target, trajectory)
-    over, shooting, initial = _times(path, _end(seed, trajectory.outage), box)
-    start = over + initial
-    edges = start + shooting * np.arange(n + 1) / n
-    times = np.array([shooting * path.tu_days, initial * path.tu_days, seed.x[old.final_coast]])
-    x = np.concatenate([times, _controls(path, edges).ravel(), [seed.x[old.final_mass]]])
-    return np.clip(x, *box), np.array([path.state(t) for t in edges])
+    rest = (float(seed.x[old.final_coast]), float(seed.x[old.final_mass]))
+    return rejoin(target, trajectory, path, _end(seed, trajectory.outage), rest)
 
 
 def thrust_profile(seed: Seed, outage: Outage, source: int, share: float) -> OutageProfile:
@@ -146,35 +139,6 @@ def thrust_profile(seed: Seed, outage: Outage, source: int, share: float) -> Out
 def _end(seed: Seed, outage: Outage) -> float:
     """Return when an outage ends [TU past departure]."""
     return seed.reference.boundary_time(outage.segment) + outage.duration_days / seed.reference.tu_days
-
-
-def _box(target: Transcription, trajectory: TrajectoryLayout) -> tuple[Array, Array]:
-    """Return the bounds of a trajectory's variables [days, rad, kg]."""
-    lower, upper = target.bounds
-    return lower[trajectory.offset : trajectory.stop], upper[trajectory.offset : trajectory.stop]
-
-
-def _times(path: FlownPath, over: float, box: tuple[Array, Array]) -> tuple[float, float, float]:
-    """Return the end of the outage, T_s and T_i [TU]: from an edge of the path to its end, inside the box."""
-    least, most = (side[:3] / path.tu_days for side in box)
-    h, end = path.segment_time, path.edges[-1]
-    # The last edge is the end, and at least one segment must remain.
-    edges = (edge for edge in path.edges[:-1] if edge >= over - SAME * h)
-    start = max(next(edges, over), over)
-    # The remaining time may exceed the bounds: then the coast is longer.
-    initial = np.clip(max(start, end - most[0] - SAME * h) - over, least[1], most[1])
-    shooting = np.clip(max(end - over - initial, h), least[0], most[0])
-    return over, float(shooting), float(initial)
-
-
-def _controls(path: FlownPath, edges: Array) -> Array:
-    """Return the controls (n, 3) of segments between edges, with the path's mean thrust vectors."""
-    n = len(edges) - 1
-    first, slack = path.n_segments - n + 1, SAME * path.segment_time
-    # Equal grids are copied: averaging would lose the angles of unlit segments.
-    if first >= 1 and np.allclose(edges[[0, -1]], [path.boundary_time(first), path.edges[-1]], 0, slack):
-        return path.controls[first - 1 :]
-    return control_of(np.array([path.mean_throttle(a, b) for a, b in pairwise(edges)]))
 
 
 def refined_guess(problem_from: Problem, x: Array, problem_to: Problem) -> Guess:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from core.nlp import ExitStatus, Outcome, SolveSettings, Stop, no_stop, solve
 from core.nlp.feasibility import outcome_of
 from core.nlp.outcome import Limits
-from core.problem import Outage, Problem
+from core.nlp.recoveries import recovery, to_realization, to_recovery
+from core.problem import Problem
 from core.search.mapping import map_seed, outage_profiles
 from core.search.settings import REFINED, assignment_of
 from core.transcription import (
@@ -20,9 +21,6 @@ from core.transcription import (
     Guess,
     OutageProfile,
     ReferencePath,
-    Start,
-    TrajectoryLayout,
-    Transcription,
     transcribe,
 )
 
@@ -81,63 +79,13 @@ def solve_recovery(
     found, status = guess.x.copy(), ExitStatus.OPTIMAL
     for own, flown in zip(target.layout.trajectories[1:], states[1:], strict=True):
         part = recovery(target, path, own)
-        start = _to_recovery(own, guess.x[own.offset : own.stop])
+        start = to_recovery(own, guess.x[own.offset : own.stop])
         outcome = solve(part, Guess(start, (flown,)), settings, stop)
-        found[own.offset : own.stop] = _to_realization(target, own, outcome.x)
+        found[own.offset : own.stop] = to_realization(target, own, outcome.x)
         limits.iterations += outcome.n_iterations
         limits.evaluations += outcome.n_evaluations
         status = status if outcome.status is ExitStatus.OPTIMAL else outcome.status
     return outcome_of(target, found, status, limits)
-
-
-def recovery(transcription: Transcription, path: ReferencePath, own: TrajectoryLayout) -> Transcription:
-    """Return a realization's recovery as an independent transfer, whose initial coast contains the outage.
-
-    Parameters
-    ----------
-    transcription : Transcription
-        P_k.
-    path : ReferencePath
-        Its reference.
-    own : TrajectoryLayout
-        Where the realization stands in P_k.
-    """
-    problem, outage = transcription.problem, _outage(own)
-    left = _remaining_problem(problem, outage, own.n_segments)
-    state = path.boundaries[outage.segment - 1]
-    start = Start(problem, path.boundary_time(outage.segment), state)
-    n_legs = max(2, round(transcription.n_legs * own.n_segments / problem.n_segments))
-    return transcribe(left, n_legs, transcription.tolerance, start=start)
-
-
-def _remaining_problem(problem: Problem, outage: Outage, n_segments: int) -> Problem:
-    """Return the problem that remains when an outage begins, with the bounds of a realization of P_k."""
-    box, share = problem.bounds, (problem.n_segments - outage.segment) / problem.n_segments
-    shooting = tuple(share * side for side in box.shooting_days)
-    initial = tuple(outage.duration_days + side for side in box.initial_coast_days)
-    bounds = box.model_copy(update={"shooting_days": shooting, "initial_coast_days": initial})
-    return problem.model_copy(update={"n_segments": n_segments, "bounds": bounds, "outages": ()})
-
-
-def _to_recovery(own: TrajectoryLayout, part: Array) -> Array:
-    """Return a realization's variables as those of its recovery: the initial coast includes the outage."""
-    x = part.copy()
-    x[own.initial_coast - own.offset] += _outage(own).duration_days
-    return x
-
-
-def _to_realization(transcription: Transcription, own: TrajectoryLayout, x: Array) -> Array:
-    """Return a recovery's variables as those of its realization."""
-    part = x.copy()
-    part[own.initial_coast - own.offset] -= _outage(own).duration_days
-    lower, upper = (side[own.offset : own.stop] for side in transcription.bounds)
-    # Rounding may make the difference slightly negative.
-    return np.clip(part, lower, upper)
-
-
-def _outage(own: TrajectoryLayout) -> Outage:
-    assert own.outage is not None
-    return own.outage
 
 
 def solve_seed(

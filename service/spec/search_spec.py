@@ -139,6 +139,8 @@ class SearchSpec(Strict):
     mapping: Mappings = ("reference",)
     #: "frozen": the seed's reference is flown as it is, and recoveries from the outages alone are solved.
     reference: Literal["free", "frozen"] = "free"
+    #: "any": realizations as they close, as in the paper; "cheapest": each with the cheapest recovery found.
+    recoveries: Literal["cheapest", "any"] = JobSettings().recoveries
     guess_law: Annotated[str, one_of(GUESS_LAWS)] = HopSettings().guess_law
     hop_law: Annotated[str, one_of(HOP_LAWS)] = HopSettings().hop_law
     #: None: the law's own.

@@ -17,6 +17,7 @@ from core.plain_data import NAMES_OF_PLANETS, content_hash, read_table_file
 from core.problem import Problem, ProblemError, beside, problem_from, validation_message
 from core.search.settings import expand_mapping
 from service.spec.search_spec import SHARING, Name, Priority, SearchSpec, Strict
+from workers.messages import JobSettings
 
 #: The outages (segment, duration [d]) of one problem.
 Case = Sequence[tuple[int, float]]
@@ -227,6 +228,8 @@ class Spec(Strict):
             left_out[position] = dict.fromkeys(SHARING, True)
             if search.reference == "free":
                 left_out[position]["reference"] = True
+            if search.recoveries == JobSettings().recoveries:
+                left_out[position]["recoveries"] = True
             if search.integrator_tolerance is None:
                 left_out[position]["integrator_tolerance"] = True
             if search.seeds is not None and search.seeds.solution is None:

@@ -1,12 +1,14 @@
 """P_k from a reference: realizations that cost nothing, and those for which the reference moves."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from core.analysis.stationarity import stationarity
 from core.nlp import ExitStatus, Limits, SolveSettings, no_stop, solve
 from core.nlp.robust import Robust
-from core.search import solve_seed
+from core.search import solve_recovery, solve_seed
 from core.search.mapping import outage_profiles
 from core.transcription import transcribe
 from core.verification.verify import verify
@@ -14,6 +16,7 @@ from tests.core.known import optimum
 from tests.core.transcription.points import PRESET, problem
 
 SETTINGS = SolveSettings(max_iterations=600, cpu_seconds=120.0)
+CHEAP = replace(SETTINGS, recoveries="cheapest")
 #: What the polish that every seed is given may change [kg]: 1e-9 of 15 t, its tolerance, and a gram for
 #: defects that are closed better.
 POLISH_KG = 2e-3
@@ -85,6 +88,22 @@ def test_seeds_of_p1_become_p2_with_the_known_outage_still_survived(reference):
     for place in (own.shooting_time, own.initial_coast, own.final_coast, own.final_mass):
         assert outcome.x[place] == pytest.approx(seed.x[place], abs=1e-4)
     assert outcome.objective == pytest.approx(seed.objective, abs=POLISH_KG)
+
+
+@pytest.mark.parametrize("segments", [(24,), (10, 48)])
+def test_each_recovery_is_the_cheapest_found_and_leaves_the_reference_to_the_last_bit(reference, segments):
+    asked = problem(outages(*segments))
+    any_of_them, cheapest = (
+        solve_seed(PRESET, reference.x, asked, "aligned", settings) for settings in (SETTINGS, CHEAP)
+    )
+    assert verify(asked, cheapest.x).strict and cheapest.n_iterations > any_of_them.n_iterations
+    own, *others = transcribe(asked).layout.trajectories
+    np.testing.assert_array_equal(cheapest.x[: own.stop], any_of_them.x[: own.stop])
+    alone = solve_recovery(PRESET, cheapest.x[: own.stop], asked, settings=SETTINGS)
+    for one in others:
+        assert cheapest.x[one.final_mass] >= any_of_them.x[one.final_mass]
+        # IPOPT stops at 1e-9 of its objective, and the optima of a recovery that starts elsewhere differ.
+        assert cheapest.x[one.final_mass] >= alone.x[one.final_mass] - 0.05
 
 
 def test_the_same_seed_gives_the_same_solution_to_the_last_bit(reference):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from core.nlp import ExitStatus, SolveSettings
+from core.nlp.recoveries import recovery
 from core.search import solve_recovery
-from core.search.recovery import recovery
 from core.transcription import ReferencePath, transcribe
 from core.verification.verify import verify
 from tests.core.known import optimum
