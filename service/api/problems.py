@@ -8,6 +8,7 @@ from typing import Any
 
 from fastapi import APIRouter, Response
 
+from core.orbits.reach import remarks_on
 from core.problem import problem_from
 from service.api.context import Hash, HeavyHere, Id, StoreHere
 from service.dashboard.structure import structure_of
@@ -108,6 +109,7 @@ def _check(text: str) -> SpecCheck:
         faults=[FaultView.model_validate(fault) for fault in checked.faults],
         fields=checked.fields,
         plan=None if checked.spec is None else _plan(checked.spec),
+        remarks=[] if checked.spec is None else remarks_on(checked.spec.problem),
     )
 
 

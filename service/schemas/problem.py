@@ -223,6 +223,8 @@ class SpecCheck(Answer):
     #: What `POST /campaigns` takes; null while there are faults.
     fields: dict[str, Any] | None
     plan: SpecPlan | None
+    #: What to know before it is run: thrust that cannot suffice, and untested ground.
+    remarks: list[str]
 
 
 class SpecText(Answer):

@@ -151,3 +151,15 @@ def test_a_text_made_to_cost_more_than_its_length_is_a_fault(text, words):
     begun = time.process_time()
     fault = check_text(text).faults[0]
     assert words in fault.message and time.process_time() - begun < 5.0
+
+
+def test_thrust_that_cannot_suffice_is_told_before_it_is_run(client):
+    weak = "wet_mass_kg = 1500.0\ndry_mass_kg = 700.0\nmax_thrust_n = 0.002\nisp_s = 3000.0\n"
+    text = (
+        f'[campaign]\nname = "weak"\nrng_seed = 1\n[problem]\npreset = "earth-mars"\n'
+        f'[problem.spacecraft]\n{weak}[[search]]\nid = "s0"\nstrategy = "S(0)"\nguesses = 2\n'
+    )
+    answer = client.post("/api/v1/specs/check", json={"text": text}).json()
+    assert answer["faults"] == [] and answer["plan"]["n_guesses_most"] == 2
+    assert "no guess can close: 0.002 N for 700 days on 1500 kg" in answer["remarks"][0]
+    assert client.post("/api/v1/specs/check", json={"text": QUICK}).json()["remarks"] == []

@@ -187,13 +187,14 @@ async function check() {
 }
 
 /** @param {SpecCheck} found */
-function showCheck({ faults, fields: found, plan }) {
+function showCheck({ faults, fields: found, plan, remarks }) {
   byId("refused").hidden = true;
   byId("form").dataset.faults = String(faults.length);
   editor.mark(faults);
   allow(found);
   byId("verdict").textContent = plan ? "What will run" : faults.length === 1 ? "1 error" : `${faults.length} errors`;
-  fill(byId("said"), plan ? planned(plan) : listed(faults));
+  const warnings = remarks.map((remark) => el("p", { class: "notice" }, remark));
+  fill(byId("said"), plan ? [...warnings, ...planned(plan)] : listed(faults));
 }
 
 /** @param {object | null} found */
