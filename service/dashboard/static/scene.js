@@ -32,7 +32,7 @@ export function bodies(flight, frame) {
   const start = pointsOf(flight.trajectories[0], frame)[0];
   const departure = marker("departure", start, colour("text"), 4, "circle-open");
   const { center, main, main_radius_km: radius } = flight.world;
-  if (frame === "moon") return radius > 0 ? [departure, sphere(main, radius)] : [departure];
+  if (frame === "moon") return [departure, radius > 0 ? sphere(main, radius) : marker(main, [0, 0, 0], colour("moon"), 7, "circle")];
   const earth = marker(center, [0, 0, 0], colour("earth"), 9, "circle");
   if (frame === "rotating") return [earth, departure];
   return [line(`${main}’s path`, pointsOf(flight.moon, frame), { color: colour("moon"), width: 1.5, dash: "dot" }), earth, departure];
