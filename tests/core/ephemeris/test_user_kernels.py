@@ -216,7 +216,7 @@ for rng_seed in range(int(first), int(last)):
     sys.stdout = open("/dev/null", "w")
     try:
         check_coverage(damaged, int(body), 0.0, stop)
-        try_out(str(damaged), int(body), 0.0, stop)
+        try_out(str(damaged), int(body), 0.0, stop, 301)
     except SpkError as error:
         assert "\\n" not in str(error), error
         sys.stderr.write(f"{error}\\n")
